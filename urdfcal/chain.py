@@ -1,0 +1,139 @@
+"""The joints on the way from the screen to the module, as one serial arm that stands on the screen.
+
+A joint that carries the screen is walked against its direction: its motion, its perturbation and its origin are inverted, in that
+order. So a screen on the wall and a screen in the gripper are the same case to everything that follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.errors import RigError
+from urdfcal.geometry import X, Y, Z, Matrix, Vector
+from urdfcal.rig import Rig
+from urdfcal.urdf_tree import UrdfJoint, UrdfTree
+
+
+@dataclass(frozen=True)
+class Step:
+    """One joint of the way; `forward` when walked from parent to child."""
+
+    joint: UrdfJoint
+    forward: bool
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The way from screen to module and on to the lasers.
+
+    Attributes:
+        steps: Every joint between screen and module, screen first.
+        laser_joints: For each laser, the fixed joints from the module to it.
+        inputs: The joints that a measurement states, in order of the way; mimic joints are replaced by their leaders.
+        coupling: (inputs, moving): chain positions are `q @ coupling + offset`; -1 where a joint is walked backward.
+        offset: (moving,), from mimic joints.
+    """
+
+    steps: tuple[Step, ...]
+    laser_joints: tuple[tuple[UrdfJoint, ...], ...]
+    inputs: tuple[UrdfJoint, ...]
+    coupling: Matrix
+    offset: Vector
+
+    @cached_property
+    def moving(self) -> tuple[Step, ...]:
+        """The steps that move, screen first."""
+        return tuple(step for step in self.steps if step.joint.moves)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the joints that a measurement states."""
+        return tuple(joint.name for joint in self.inputs)
+
+    @cached_property
+    def mount_joint(self) -> UrdfJoint | None:
+        """The module's own fixed joint, where the way leads over it."""
+        last = self.steps[-1]
+        return last.joint if last.forward and not last.joint.moves else None
+
+    @cached_property
+    def screen_joint(self) -> Step | None:
+        """The fixed joint nearest to the screen on the way to the first moving joint, if there is one."""
+        return self.steps[0] if not self.steps[0].joint.moves else None
+
+    def branches(self) -> list[list[UrdfJoint]]:
+        """The moving joints in their URDF direction: those that carry the screen, then those that carry the module."""
+        backward = [step.joint for step in self.moving if not step.forward][::-1]
+        forward = [step.joint for step in self.moving if step.forward]
+        return [branch for branch in (backward, forward) if branch]
+
+    def new_model(self) -> Any:
+        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen."""
+        model = pin.Model()
+        for index, step in enumerate(self.moving):
+            model.addJoint(index, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name)
+        return model
+
+
+def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
+    """Lay out the way from the screen to the lasers.
+
+    Raises:
+        RigError: a joint on the way is of a kind that cannot be calibrated.
+    """
+    steps = _way(tree, rig)
+    for step in steps:
+        if step.joint.type in ("floating", "planar"):
+            raise RigError(
+                f"joint '{step.joint.name}' on the way from '{rig.screen}' to '{rig.module}' is {step.joint.type}; "
+                "expected revolute, continuous, prismatic or fixed joints",
+                tree.label,
+                step.joint.line,
+            )
+    moving = [step for step in steps if step.joint.moves]
+    leaders = [_leader(tree, step.joint) for step in moving]
+    inputs = {joint.name: joint for joint, _, _ in leaders}
+    coupling, offset = np.zeros((len(inputs), len(moving))), np.zeros(len(moving))
+    for column, (step, (joint, multiplier, shift)) in enumerate(zip(moving, leaders, strict=True)):
+        sign = 1.0 if step.forward else -1.0
+        coupling[list(inputs).index(joint.name), column] = sign * multiplier
+        offset[column] = sign * shift
+    lasers = tuple(tuple(_below(tree, rig.module, laser)) for laser in rig.lasers)
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset)
+
+
+def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:
+    up, down = tree.path_from_root(rig.screen), tree.path_from_root(rig.module)
+    shared = 0
+    while shared < min(len(up), len(down)) and up[shared] is down[shared]:
+        shared += 1
+    return tuple([Step(joint, forward=False) for joint in up[shared:][::-1]] + [Step(joint, forward=True) for joint in down[shared:]])
+
+
+def _below(tree: UrdfTree, ancestor: str, link: str) -> list[UrdfJoint]:
+    path = tree.path_from_root(link)
+    return path[len(tree.path_from_root(ancestor)) :]
+
+
+def _leader(tree: UrdfTree, joint: UrdfJoint) -> tuple[UrdfJoint, float, float]:
+    """The joint that drives this one, with the factor and the shift of its position."""
+    multiplier, shift = 1.0, 0.0
+    while joint.mimic is not None:
+        shift += multiplier * joint.mimic.offset
+        multiplier *= joint.mimic.multiplier
+        joint = tree.joints[joint.mimic.joint]
+    return joint, multiplier, shift
+
+
+def _joint_model(joint: UrdfJoint) -> Any:
+    axis = np.array(joint.axis)
+    kind = "P" if joint.prismatic else "R"
+    for letter, direction in zip("XYZ", (X, Y, Z), strict=True):
+        if np.array_equal(axis, direction):
+            return getattr(pin, f"JointModel{kind}{letter}")()
+    return pin.JointModelPrismaticUnaligned(axis) if joint.prismatic else pin.JointModelRevoluteUnaligned(axis)

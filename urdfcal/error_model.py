@@ -1,0 +1,412 @@
+"""Which placements may be wrong, and how: parameters with names, units and priors, laid over the way from screen to lasers.
+
+A *slot* is one placement that may be wrong: it holds the product of exponentials of its screws, inserted right behind a joint's
+origin (or, where the URDF has no joint of its own for it, right before one). The parameters are the slots' coordinates.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.chain import Chain
+from urdfcal.dh import DhRow, dh_table
+from urdfcal.errors import RigError, ShapeMismatch, UsageError, did_you_mean
+from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, left_jacobian, product, rotation_screw, six_screws, translation_screw
+from urdfcal.rig import Rig
+from urdfcal.urdf_tree import UrdfJoint
+
+Kind = Literal["joint", "mount", "screen", "beam"]
+MODELS = ("auto", "dh", "hayati", "placement", "offset")
+SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
+PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
+BEAMS = ("rot_x", "rot_y")
+BEAMS4 = ("trans_x", "trans_y", "rot_x", "rot_y")
+FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
+
+
+@dataclass(frozen=True)
+class PriorScale:
+    """Standard deviations of a group of parameters: translations in metres, rotations in radians."""
+
+    translation: float
+    rotation: float
+
+    def sigma(self, unit: str) -> float:
+        """The one for a parameter's unit."""
+        return self.translation if unit == "m" else self.rotation
+
+
+DEFAULT_PRIORS: dict[Kind, PriorScale] = {
+    "joint": PriorScale(10 * MM, 1 * DEG),
+    "mount": PriorScale(20 * MM, 2 * DEG),
+    "screen": PriorScale(100 * MM, 5 * DEG),
+    "beam": PriorScale(5 * MM, 1 * DEG),
+}
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One placement that may be wrong.
+
+    Attributes:
+        label: First half of the parameters' names: joint, module, screen or laser link.
+        kind: What sort of placement it is; decides the prior.
+        names: Second halves, in the order of the product.
+        screws: (6, k) in the slot's own frame.
+        joint: URDF joint next to it; None for a module that has no fixed joint of its own.
+        before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
+        spare: Those of the names that the gauge rule considers last, after everything else.
+    """
+
+    label: str
+    kind: Kind
+    names: tuple[str, ...]
+    screws: Matrix
+    joint: str | None
+    before: bool = False
+    spare: tuple[str, ...] = ()
+
+    def units(self) -> tuple[str, ...]:
+        """`m` or `rad` for each parameter: a screw with no angular part is a translation."""
+        return tuple("rad" if np.any(screw[3:]) else "m" for screw in self.screws.T)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that may be estimated.
+
+    Attributes:
+        name: `<joint or link>.<parameter>`, with `:<session>` behind the link for a later session's screen.
+        unit: `m` or `rad`.
+        kind: Group that it belongs to.
+        mean: Prior mean, in `unit`.
+        sigma: Prior standard deviation, in `unit`; FLAT for none.
+    """
+
+    name: str
+    unit: str
+    kind: Kind
+    mean: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Placements:
+    """The chain's constants at one value of the parameters, and how they move with it.
+
+    Attributes:
+        joints: Placement of each moving joint behind the one before it.
+        module: Module behind the last moving joint.
+        lasers: Each laser behind the last moving joint.
+        anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
+        screws: (6, p) those screws, signed for the motion of the module against the screen.
+    """
+
+    joints: list[SE3]
+    module: SE3
+    lasers: list[SE3]
+    anchors: Any
+    screws: Matrix
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Parameters of a robot's geometric errors.
+
+    Attributes:
+        chain: The way from the screen to the lasers.
+        slots: Placements that may be wrong, in order of the way; beams last.
+        parameters: What is estimated, in the order of the state x.
+        held: Slot parameters that are not estimated and differ from nothing: name -> value.
+        carried: Parameters that the gauge rule leaves out: name -> what carries them.
+        sessions: Session labels; the first one's screen is the URDF's.
+    """
+
+    chain: Chain
+    slots: tuple[Slot, ...]
+    parameters: tuple[Parameter, ...]
+    held: Mapping[str, float] = field(default_factory=dict)
+    carried: Mapping[str, str] = field(default_factory=dict)
+    sessions: tuple[str, ...] = ("",)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of x."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each parameter: m or rad."""
+        return tuple(parameter.unit for parameter in self.parameters)
+
+    @cached_property
+    def sigma(self) -> Vector:
+        """Prior standard deviations, (p,), [m] and [rad]."""
+        return np.array([parameter.sigma for parameter in self.parameters])
+
+    @cached_property
+    def mean(self) -> Vector:
+        """Prior means, (p,), [m] and [rad]."""
+        return np.array([parameter.mean for parameter in self.parameters])
+
+    @cached_property
+    def beam_lasers(self) -> tuple[int, ...]:
+        """For each parameter the index of the laser whose beam alone it moves, or -1."""
+        of_laser = {joints[-1].child: index for index, joints in enumerate(self.chain.laser_joints)}
+        return tuple(of_laser[parameter.name.rsplit(".", 1)[0]] if parameter.kind == "beam" else -1 for parameter in self.parameters)
+
+    def check(self, x: Vector) -> Vector:
+        """x as an array of floats, if it fits.
+
+        Raises:
+            ShapeMismatch: x has not one number a parameter.
+        """
+        x = np.asarray(x, dtype=float)
+        if x.shape != (len(self.parameters),):
+            raise ShapeMismatch(f"the error model has {len(self.parameters)} parameters, x has shape {x.shape}")
+        return x
+
+    def session_columns(self, session: str) -> list[int]:
+        """The columns of x that move the spots of one session."""
+        own = self._names_of(session)
+        return [column for column, name in enumerate(self.names) if name in own]
+
+    def slot_values(self, x: Vector, session: str = "") -> list[Vector]:
+        """The coordinates of every slot, [m] and [rad], in one session."""
+        state = dict(zip(self.names, self.check(x), strict=True))
+        names = iter(self._slot_names(session))
+        return [np.array([state.get(name := next(names), self.held.get(name, 0.0)) for _ in slot.names]) for slot in self.slots]
+
+    def placements(self, x: Vector, session: str = "") -> Placements:
+        """Walk the way from screen to lasers with every slot at x."""
+        return _Walk(self, x, session).placements()
+
+    def corrected_origins(self, x: Vector) -> dict[str, SE3]:
+        """The URDF origins with the errors of x in them (`origin * delta`), by joint name; untouched joints are left out.
+
+        Raises:
+            ShapeMismatch: x has not one number a parameter.
+        """
+        deltas = [product(exponentials(slot.screws, values)) for slot, values in zip(self.slots, self.slot_values(x, self.sessions[0]), strict=True)]
+        joints = {step.joint.name: step.joint for step in self.chain.steps}
+        joints |= {joint.name: joint for way in self.chain.laser_joints for joint in way}
+        touched = {slot.joint for slot in self.slots if self._has_estimated(slot)}
+        origins: dict[str, SE3] = {}
+        for slot, delta in zip(self.slots, deltas, strict=True):
+            if slot.joint is None and self._has_estimated(slot):
+                origins |= self._on_each_laser(delta, origins)
+            elif slot.joint in touched and slot.joint is not None:
+                origin = origins.get(slot.joint, joints[slot.joint].origin)
+                origins[slot.joint] = delta * origin if slot.before else origin * delta
+        return origins
+
+    def _on_each_laser(self, delta: SE3, origins: Mapping[str, SE3]) -> dict[str, SE3]:
+        """A correction of a module that is the moving link itself, put on the first fixed joint of every laser alike."""
+        firsts = {way[0].name: way[0] for way in self.chain.laser_joints}
+        return {name: delta * origins.get(name, joint.origin) for name, joint in firsts.items()}
+
+    def _has_estimated(self, slot: Slot) -> bool:
+        wanted = {f"{slot.label}.{name}" for name in slot.names}
+        return bool(wanted & (set(self.names) | set(self.held)))
+
+    def _slot_names(self, session: str) -> list[str]:
+        suffix = f":{session}" if session != self.sessions[0] else ""
+        return [f"{slot.label}{suffix if slot.kind == 'screen' else ''}.{name}" for slot in self.slots for name in slot.names]
+
+    def _names_of(self, session: str) -> set[str]:
+        return set(self._slot_names(session))
+
+
+class _Walk:
+    """One walk along the way: collects placements and screws."""
+
+    def __init__(self, errors: ErrorModel, x: Vector, session: str) -> None:
+        self.column = {name: index for index, name in enumerate(errors.names)}
+        self.errors = errors
+        names = iter(errors._slot_names(session))
+        self.slot_names = {id(slot): [next(names) for _ in slot.names] for slot in errors.slots}
+        values = errors.slot_values(x, session)
+        self.factors = {id(slot): exponentials(slot.screws, value) for slot, value in zip(errors.slots, values, strict=True)}
+        self.at = {(slot.joint, slot.before): slot for slot in errors.slots}
+        self.edge, self.anchor = pin.SE3.Identity(), 0
+        self.edges: list[SE3] = []
+        self.anchors = np.zeros(len(errors.names), dtype=int)
+        self.screws = np.zeros((6, len(errors.names)))
+
+    def placements(self) -> Placements:
+        for step in self.errors.chain.steps:
+            if step.forward:
+                self.pass_slot(step.joint.name, before=True)
+                self.edge = self.edge * step.joint.origin
+                self.pass_slot(step.joint.name, before=False)
+                self.pass_motion(step.joint)
+            else:
+                self.pass_motion(step.joint)
+                self.pass_slot(step.joint.name, before=False, inverse=True)
+                self.edge = self.edge * step.joint.origin.inverse()
+                self.pass_slot(step.joint.name, before=True, inverse=True)
+        self.pass_slot(None, before=False)
+        module = self.edge
+        return Placements(self.edges, module, [self.laser(module, way) for way in self.errors.chain.laser_joints], self.anchors, self.screws)
+
+    def laser(self, module: SE3, way: Sequence[UrdfJoint]) -> SE3:
+        self.edge = module
+        for joint in way:
+            self.edge = self.edge * joint.origin
+            self.pass_slot(joint.name, before=False)
+        return self.edge
+
+    def pass_motion(self, joint: UrdfJoint) -> None:
+        if joint.moves:
+            self.edges.append(self.edge)
+            self.edge, self.anchor = pin.SE3.Identity(), self.anchor + 1
+
+    def pass_slot(self, joint: str | None, before: bool, inverse: bool = False) -> None:
+        slot = self.at.get((joint, before))
+        if slot is None:
+            return
+        factors, screws, order = self.factors[id(slot)], slot.screws, self.slot_names[id(slot)]
+        if inverse:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
+            factors, screws, order = [factor.inverse() for factor in factors[::-1]], -screws[:, ::-1], order[::-1]
+        moved = self.edge.action @ left_jacobian(screws, factors)
+        for name, screw in zip(order, moved.T, strict=True):
+            if name in self.column:
+                self.anchors[self.column[name]] = self.anchor
+                self.screws[:, self.column[name]] = screw
+        self.edge = self.edge * product(factors)
+
+
+def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:
+    """All placements of a chain that may be wrong under an error model, in order of the way; beams are not among them.
+
+    Args:
+        chain: The way from screen to module.
+        rig: Names of screen and module.
+        model: One of MODELS; decides the joints' parameters and, for `dh`, the module's.
+        per_joint: Other models for single joints.
+
+    Raises:
+        UsageError: no such model.
+    """
+    per_joint = per_joint or {}
+    rows = {kind: {row.name: row for row in dh_table(chain, hayati=kind == "hayati")} for kind in ("dh", "hayati")}
+    slots: list[Slot] = [_screen_slot(chain, rig)]
+    for step in chain.moving:
+        slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
+    names = PAPER_MOUNT if model == "dh" else SIX
+    screws = six_screws()[:, [SIX.index(name) for name in names]]
+    slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
+    return tuple(slots)
+
+
+def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:
+    """The beams' slots: two angles, or two angles and two offsets, on each laser's own joint."""
+    screws = six_screws()[:, [SIX.index(name) for name in names]]
+    return tuple(Slot(way[-1].child, "beam", names, screws, way[-1].name) for way in chain.laser_joints)
+
+
+def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
+    """Every parameter of some slots, joints first, then mount, screen and beams."""
+    order: dict[Kind, int] = {"joint": 0, "mount": 1, "screen": 2, "beam": 3}
+    return [
+        Parameter(f"{slot.label}.{name}", unit, slot.kind, 0.0, priors[slot.kind].sigma(unit))
+        for slot in sorted(slots, key=lambda slot: order[slot.kind])
+        for name, unit in zip(slot.names, slot.units(), strict=True)
+    ]
+
+
+def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:
+    """Names that a `--fix` or `--only` pattern means; `*` and `?` as in a shell.
+
+    Raises:
+        UsageError: the pattern means nothing here.
+    """
+    names = [parameter.name for parameter in parameters]
+    found = set(fnmatch.filter(names, pattern))
+    if not found:
+        raise UsageError(f"no parameter matches '{pattern}'{did_you_mean(pattern, names)}")
+    return found
+
+
+def with_parameters(errors: ErrorModel, keep: Iterable[str]) -> ErrorModel:
+    """The same error model with some of its parameters alone."""
+    wanted = set(keep)
+    return replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.name in wanted))
+
+
+def _screen_slot(chain: Chain, rig: Rig) -> Slot:
+    own = chain.screen_joint
+    if own is not None:
+        return Slot(rig.screen, "screen", SIX, six_screws(), own.joint.name)
+    first = chain.steps[0]
+    if not first.forward:  # the screen is the very link that a moving joint carries: no origin stands for it
+        return Slot(rig.screen, "screen", (), np.empty((6, 0)), first.joint.name, before=True)
+    return Slot(rig.screen, "screen", SIX, six_screws(), first.joint.name, before=True)
+
+
+def _joint_slot(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> Slot:
+    if model not in MODELS:
+        raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
+    named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
+    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), joint.name, spare=_spare(joint, model, rows))
+
+
+def _placement() -> dict[str, Vector]:
+    return dict(zip(SIX, six_screws().T, strict=True))
+
+
+def _offset(joint: UrdfJoint) -> dict[str, Vector]:
+    axis = np.array(joint.axis)
+    return {"d_q": translation_screw(axis)} if joint.prismatic else {"d_theta": rotation_screw(axis, np.zeros(3))}
+
+
+def _dh(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> dict[str, Vector]:
+    if joint.prismatic:
+        return _slide(joint)
+    row = rows["dh" if model == "dh" else "hayati"][joint.name]
+    left_out = {"d_d"} if _tilts(row, model) else {"d_beta"}
+    return {name: screw for name, screw in row.screws.items() if name not in left_out or _completes(row, model)}
+
+
+def _tilts(row: DhRow, model: str) -> bool:
+    """Whether a joint has Hayati's tilt in place of its offset d."""
+    return model != "dh" and row.parallel
+
+
+def _completes(row: DhRow, model: str) -> bool:
+    """Whether the automatic model offers all five: a slide has no angle about itself, so the joint behind it may need its share."""
+    return model == "auto" and row.behind_slide
+
+
+def _spare(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> tuple[str, ...]:
+    row = rows["hayati"].get(joint.name)
+    if row is None or not _completes(row, model):
+        return ()
+    return ("d_d",) if _tilts(row, model) else ("d_beta",)
+
+
+def _slide(joint: UrdfJoint) -> dict[str, Vector]:
+    """The two rotations perpendicular to a slide, through its origin."""
+    axis = np.array(joint.axis)
+    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = least - axis * float(axis @ least)
+    across /= np.linalg.norm(across)
+    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(np.cross(axis, across), np.zeros(3))}
+
+
+def require_screen_slot(chain: Chain, rig: Rig) -> None:
+    """Refuse to estimate the placement of a screen that is the very link a moving joint carries.
+
+    Raises:
+        RigError: naming screen and joint.
+    """
+    first = chain.steps[0]
+    if first.joint.moves and not first.forward:
+        raise RigError(f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement")

@@ -1,0 +1,160 @@
+"""Jac1: how the module moves against the screen with every error parameter, equations (5) and (6).
+
+Forward kinematics is Pinocchio's, one call a pose; what follows is algebra over all poses at once. A parameter moves the arm along
+a screw that is constant in the frame of the joint before it, so its twist in screen axes, taken at the screen's origin, is
+
+    w = R_j w_k,    v = R_j v_k + p_j x w
+
+with (R_j, p_j) the placement of that joint and (v_k, w_k) the constant screw: the same columns that Pinocchio's frame kinematic
+regressor has, times the basis of the error model (the tests compare the two). At the screen's origin the twist is the same for
+every laser.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.chain import Chain
+from urdfcal.error_model import ErrorModel, Placements
+from urdfcal.errors import ShapeMismatch
+from urdfcal.geometry import SE3, Array3, Matrix, Vector
+
+CHUNK = 1024  # poses worked on at once, so that the temporaries stay in the processor's cache
+
+
+@dataclass(frozen=True)
+class LaserMotion:
+    """Where the beams are at each pose, and how they move.
+
+    Attributes:
+        source: Origins of the beams on the screen's axes, (n, lasers, 3), [m].
+        direction: Unit vectors along the beams in screen axes, (n, lasers, 3).
+        jac1: Twist [v, w] of the module against the screen, in screen axes at the screen's origin, per parameter, (n, 6, p).
+        joint_jacobian: The same per measured joint, (n, 6, inputs).
+    """
+
+    source: Array3
+    direction: Array3
+    jac1: Array3
+    joint_jacobian: Array3
+
+
+class ArmKinematics:
+    """Pinocchio's forward kinematics of a chain for many poses; holds a model of its own and never the caller's."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+        self.model = chain.new_model()
+        self.data = self.model.createData()
+        self.joints = self.model.njoints
+
+    def chain_positions(self, q: Matrix) -> Matrix:
+        """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
+
+        Raises:
+            ShapeMismatch: q has not one column a measured joint.
+        """
+        q = np.asarray(q, dtype=float)
+        if q.ndim != 2 or q.shape[1] != len(self.chain.inputs):
+            raise ShapeMismatch(f"expected joint positions of shape (poses, {len(self.chain.inputs)}), found {q.shape}")
+        return q @ self.chain.coupling + self.chain.offset
+
+    def place(self, placements: list[SE3]) -> None:
+        """Put the moving joints where the error model has them."""
+        for joint, placement in enumerate(placements, start=1):
+            self.model.jointPlacements[joint] = placement
+
+    def frames(self, positions: Matrix) -> Array3:
+        """Frames of all joints on the screen, (n, 3, 4 joints): columns x, y, z, p of the screen, then of each joint."""
+        columns = np.empty((len(positions), self.joints, 4, 3))
+        view, model, data = self._data_view, self.model, self.data
+        for pose, q in zip(columns, positions, strict=True):
+            pin.forwardKinematics(model, data, q)
+            pose[:] = view
+        return np.ascontiguousarray(columns.transpose(0, 3, 1, 2)).reshape(len(positions), 3, 4 * self.joints)
+
+    @cached_property
+    def _data_view(self) -> Array3:
+        """The placements in `data.oMi` without a copy, (joints, 4, 3).
+
+        Each lies in memory as a column-major 3 x 4 matrix behind the one before it; checked against Pinocchio's own accessors.
+        """
+        pin.forwardKinematics(self.model, self.data, np.linspace(0.1, 0.9, self.model.nq))
+        self.data.oMi[0] = pin.SE3.Identity()
+        start = self.data.oMi[0].rotation
+        view = np.lib.stride_tricks.as_strided(start, (self.joints, 4, 3), (96, 24, 8), writeable=False)
+        expected = [np.vstack([frame.rotation.T, frame.translation]) for frame in self.data.oMi]
+        if not np.array_equal(view, expected):
+            raise RuntimeError("this build of Pinocchio keeps data.oMi in another layout; please report it with the output of `pip list`")
+        return view
+
+
+def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> LaserMotion:
+    """Differentiate the poses of the lasers with respect to the error parameters (Jac1, equation 6).
+
+    Args:
+        arm: Kinematics of the chain that the error model lies over.
+        errors: Names, order and units of the parameters.
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+        x: Error parameters, (p,), [m] and [rad] in the order of `errors.names`.
+        session: Whose screen placement to use.
+
+    Raises:
+        ShapeMismatch: q or x does not fit this chain and error model.
+    """
+    placed = errors.placements(x, session)
+    return motion_at(arm, placed, arm.chain_positions(q))
+
+
+def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix) -> LaserMotion:
+    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given."""
+    arm.place(placed.joints)
+    frames = arm.frames(positions)
+    n, lasers = len(frames), len(placed.lasers)
+    beams = (frames.reshape(3 * n, -1)[:, -4:] @ _beam_columns(placed)).reshape(n, 3, 2, lasers)
+    anchors = np.concatenate([placed.anchors, np.arange(1, arm.joints)])
+    screws = np.hstack([placed.screws, _axis_screws(arm.chain)])
+    twists = _twists(frames, anchors, screws)
+    parameters = placed.screws.shape[1]
+    return LaserMotion(
+        source=beams[:, :, 0].transpose(0, 2, 1),
+        direction=beams[:, :, 1].transpose(0, 2, 1),
+        jac1=twists[:, :, :parameters],
+        joint_jacobian=twists[:, :, parameters:] @ arm.chain.coupling.T,
+    )
+
+
+def _beam_columns(placed: Placements) -> Matrix:
+    """Source and direction of each beam in homogeneous coordinates of the last moving joint, (4, 2 lasers)."""
+    sources = [[*laser.translation, 1.0] for laser in placed.lasers]
+    directions = [[*laser.rotation[:, 2], 0.0] for laser in placed.lasers]
+    return np.array(sources + directions).T
+
+
+def _axis_screws(chain: Chain) -> Matrix:
+    """Each moving joint's own motion as a screw in its own frame, (6, moving)."""
+    columns = np.zeros((6, len(chain.moving)))
+    for column, step in enumerate(chain.moving):
+        columns[0 if step.joint.prismatic else 3 :, column][:3] = step.joint.axis
+    return columns
+
+
+def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
+    """Twists [R v + p x R w, R w] of constant screws in the frames that they are anchored to, (n, 6, columns)."""
+    n, _, width = frames.shape
+    columns = screws.shape[1]
+    basis = np.zeros((width // 4, 4, 3, columns))  # maps frame columns to R v, R w and p of every screw
+    pick = np.arange(columns)
+    basis[anchors, :3, 0, pick] = screws[:3].T
+    basis[anchors, :3, 1, pick] = screws[3:].T
+    basis[anchors, 3, 2, pick] = 1.0
+    v, w, p = np.moveaxis((frames.reshape(3 * n, width) @ basis.reshape(width, -1)).reshape(n, 3, 3, columns), 2, 0)
+    twists = np.empty((n, 6, columns))
+    for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        twists[:, row] = v[:, row] + p[:, i] * w[:, j] - p[:, j] * w[:, i]
+    twists[:, 3:] = w
+    return twists

@@ -1,0 +1,256 @@
+"""The set of parameters that is estimated: options narrowed by the gauge rule.
+
+What no measurement of the module's whole pose could tell apart is not put into the state. The rule is structural: it looks at the
+rank of the full-pose Jacobian at random configurations, before any data and whatever the sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from urdfcal.chain import Chain
+from urdfcal.error_model import (
+    BEAMS,
+    BEAMS4,
+    DEFAULT_PRIORS,
+    FLAT,
+    MODELS,
+    ErrorModel,
+    Kind,
+    Parameter,
+    PriorScale,
+    Slot,
+    beam_slots,
+    matching,
+    parameters_of,
+    require_screen_slot,
+    slots_of,
+)
+from urdfcal.errors import RigError, UsageError
+from urdfcal.frame_jacobian import ArmKinematics, motion_at
+from urdfcal.geometry import Matrix
+from urdfcal.rig import Rig
+
+CONFIGURATIONS = 50
+_DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
+_WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
+
+
+@dataclass(frozen=True)
+class ParameterPrior:
+    """What a rig.yaml says of one parameter or pattern, [m] or [rad]; None leaves the default."""
+
+    mean: float | None = None
+    sigma: float | None = None
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """What is to be calibrated.
+
+    Attributes:
+        error_model: One of MODELS.
+        per_joint: Other error models for single joints, by name.
+        estimate: Additions to the state: `beams`, `beams4`, `screen`.
+        fix: Patterns of parameters held at their nominal value.
+        only: Patterns; if any, every other parameter is held.
+        priors: Standard deviations by group.
+        single: What is said of single parameters, by pattern.
+    """
+
+    error_model: str = "auto"
+    per_joint: Mapping[str, str] = field(default_factory=dict)
+    estimate: tuple[str, ...] = ()
+    fix: tuple[str, ...] = ()
+    only: tuple[str, ...] = ()
+    priors: Mapping[Kind, PriorScale] = field(default_factory=dict)
+    single: Mapping[str, ParameterPrior] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for model in (self.error_model, *self.per_joint.values()):
+            if model not in MODELS:
+                raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
+        for addition in self.estimate:
+            if addition not in ("beams", "beams4", "screen"):
+                raise UsageError(f"cannot estimate '{addition}'; there are: beams, beams4, screen")
+
+
+def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = None, sessions: Sequence[str] = ("",)) -> ErrorModel:
+    """Choose the parameters of a robot: error model, gauge, additions, what is fixed, priors.
+
+    Args:
+        chain: The way from screen to lasers.
+        rig: Screen, module, lasers.
+        options: What is to be calibrated.
+        sessions: Labels of the sessions; each but the first gets a screen placement of its own.
+
+    Raises:
+        UsageError: an option means nothing for this robot.
+        RigError: the screen's placement is asked for, and nothing can carry it.
+    """
+    options = options or ModelOptions()
+    _check_joints(chain, options.per_joint)
+    priors = DEFAULT_PRIORS | dict(options.priors)
+    slots = slots_of(chain, rig, options.error_model, options.per_joint)
+    if "screen" in options.estimate or len(sessions) > 1:
+        require_screen_slot(chain, rig)
+    candidates = parameters_of(slots, priors)
+    chosen, carried = _gauge(chain, rig, slots, candidates, options)
+    if "beams" in options.estimate or "beams4" in options.estimate:
+        slots += beam_slots(chain, BEAMS4 if "beams4" in options.estimate else BEAMS)
+        chosen += [parameter for parameter in parameters_of(slots, priors) if parameter.kind == "beam"]
+    chosen += _later_screens(slots, sessions, priors)
+    return _narrowed(ErrorModel(chain, slots, tuple(chosen), carried=carried, sessions=tuple(sessions)), options)
+
+
+def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None) -> Matrix:
+    """Twists of the module against the screen per parameter at random configurations, (6 CONFIGURATIONS, p).
+
+    Joints turn all the way round, whatever their limits: the rule is about structure, not about reach.
+    """
+    rng = rng or np.random.default_rng(0)
+    turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
+    q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
+    arm = ArmKinematics(chain)
+    motion = motion_at(arm, errors.placements(np.zeros(len(errors.names))), arm.chain_positions(q))
+    return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
+
+
+def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
+    """Take columns in order, each only if it raises the rank of those taken before it."""
+    basis = np.empty((len(jacobian), 0))
+    taken = []
+    for column in order:
+        vector = jacobian[:, column]
+        length = np.linalg.norm(vector)
+        for _ in range(2):  # twice is enough for Gram-Schmidt
+            vector = vector - basis @ (basis.T @ vector)
+        if length > 0 and np.linalg.norm(vector) > _DEPENDENT * length:
+            basis = np.column_stack([basis, vector / np.linalg.norm(vector)])
+            taken.append(column)
+    return taken
+
+
+def _gauge(
+    chain: Chain, rig: Rig, slots: tuple[Slot, ...], candidates: list[Parameter], options: ModelOptions
+) -> tuple[list[Parameter], dict[str, str]]:
+    """The parameters that enter the state, and what carries the others."""
+    own_screen = chain.screen_joint is not None
+    screen_wanted = own_screen or "screen" in options.estimate
+    offered = [parameter for parameter in candidates if parameter.kind != "screen" or screen_wanted]
+    if options.error_model != "auto" and own_screen:
+        return offered, {}
+    errors = ErrorModel(chain, slots, tuple(offered))
+    automatic = options.error_model == "auto"
+    spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
+    order = sorted(
+        range(len(offered)), key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic))
+    )
+    taken = set(independent_columns(full_pose_jacobian(chain, errors), order))
+    if not automatic:  # a model named explicitly keeps what is its own; only a screen asked for on top must add something
+        taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
+    left_out = [parameter for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
+    carried = _carriers(chain, errors, [offered[column] for column in sorted(taken)], left_out) if automatic else {}
+    return [parameter for column, parameter in enumerate(offered) if column in taken], carried
+
+
+def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple[int, int, int]:
+    """Screen, mount, then the joints from the tool to the base; within a joint theta, alpha, beta, a, d."""
+    label, name = parameter.name.rsplit(".", 1)
+    if parameter.kind != "joint":
+        group = {"screen": 0 if screen_first else 3, "mount": 1}[parameter.kind]
+        return group, 0, 0
+    place = [step.joint.name for step in chain.moving].index(label)
+    return 2, -place, _WITHIN_JOINT.index(name) if name in _WITHIN_JOINT else 0
+
+
+def _carriers(chain: Chain, errors: ErrorModel, taken: list[Parameter], left_out: list[Parameter]) -> dict[str, str]:
+    """What carries each parameter that was left out: `the screen`, `the mount`, or joints by name.
+
+    A left-out column is a combination of those that were taken; the groups with a share in it are named.
+    """
+    if not left_out:
+        return {}
+    column = {name: index for index, name in enumerate(errors.names)}
+    jacobian = full_pose_jacobian(chain, errors)
+    basis = jacobian[:, [column[parameter.name] for parameter in taken]]
+    shares = np.linalg.lstsq(basis, jacobian[:, [column[parameter.name] for parameter in left_out]], rcond=None)[0]
+    carried = {}
+    for parameter, share in zip(left_out, shares.T, strict=True):
+        kinds = {taken[index].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
+        words = ["the screen"] * ("screen" in kinds) + ["the mount"] * ("mount" in kinds)
+        carried[parameter.name] = " and ".join(words) or "other joints"
+    return carried
+
+
+def _later_screens(slots: tuple[Slot, ...], sessions: Sequence[str], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
+    screen = [parameter for parameter in parameters_of(slots, priors) if parameter.kind == "screen"]
+    return [
+        replace(parameter, name="{}:{}.{}".format(*_split_in(parameter.name, session)))
+        for session in sessions[1:]
+        for parameter in screen
+    ]
+
+
+def _split_in(name: str, session: str) -> tuple[str, str, str]:
+    label, last = name.rsplit(".", 1)
+    return label, session, last
+
+
+def _narrowed(errors: ErrorModel, options: ModelOptions) -> ErrorModel:
+    """Apply rig.yaml, `--fix` and `--only`."""
+    parameters = list(errors.parameters)
+    held: dict[str, float] = {}
+    fixed: set[str] = set()
+    for pattern, said in options.single.items():
+        for name in matching(parameters, pattern):
+            index = next(index for index, parameter in enumerate(parameters) if parameter.name == name)
+            old = parameters[index]
+            parameters[index] = replace(old, mean=old.mean if said.mean is None else said.mean, sigma=old.sigma if said.sigma is None else said.sigma)
+            fixed |= {name} if said.fixed else set()
+    for pattern in options.fix:
+        fixed |= matching(parameters, pattern)
+    if options.only:
+        fixed |= {parameter.name for parameter in parameters} - set().union(*(matching(parameters, pattern) for pattern in options.only))
+    held = {parameter.name: parameter.mean for parameter in parameters if parameter.name in fixed and parameter.mean}
+    kept = tuple(parameter for parameter in parameters if parameter.name not in fixed)
+    if not kept:
+        raise UsageError("nothing is left to estimate: every parameter is fixed")
+    return replace(errors, parameters=kept, held=held)
+
+
+def _check_joints(chain: Chain, per_joint: Mapping[str, str]) -> None:
+    known = [step.joint.name for step in chain.moving]
+    for name in per_joint:
+        if name not in known:
+            raise RigError(f"error_models: no joint '{name}' on the way from screen to lasers; there are: {', '.join(known)}")
+
+
+def parse_prior(text: str) -> PriorScale:
+    """A prior scale as the command line has it: `10mm,1deg`, or `flat` for none.
+
+    Raises:
+        UsageError: anything else.
+    """
+    if text.strip() == "flat":
+        return PriorScale(FLAT, FLAT)
+    units = {"mm": 1e-3, "m": 1.0, "deg": np.pi / 180, "mrad": 1e-3, "rad": 1.0}
+    try:
+        length, angle = (_number_with_unit(word.strip(), units) for word in text.split(","))
+    except ValueError:
+        raise UsageError(f"'{text}' is not a prior; expected a length and an angle such as 10mm,1deg, or flat") from None
+    if length[1] not in ("mm", "m") or angle[1] not in ("deg", "mrad", "rad"):
+        raise UsageError(f"'{text}' is not a prior; expected a length and an angle such as 10mm,1deg, or flat")
+    return PriorScale(length[0], angle[0])
+
+
+def _number_with_unit(word: str, units: Mapping[str, float]) -> tuple[float, str]:
+    unit = word.lstrip("0123456789.eE+-")
+    value = float(word[: len(word) - len(unit)]) * units.get(unit, np.nan)
+    if not value > 0 or not np.isfinite(value):
+        raise ValueError(word)
+    return value, unit

@@ -1,0 +1,77 @@
+"""Screen, lasers and module, found among the links of a URDF."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from urdfcal.errors import RigError, no_such
+from urdfcal.urdf_tree import UrdfTree
+
+_LASER = re.compile(r"laser_(\d+)$")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The links that measure.
+
+    Attributes:
+        screen: The screen is the plane x = 0 of this link; a spot is (y, z) in it.
+        lasers: Each beam leaves the origin of its link along +z.
+        module: The lasers' nearest common fixed ancestor; with one laser its parent.
+    """
+
+    screen: str
+    lasers: tuple[str, ...]
+    module: str
+
+
+def find_rig(tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | None = None) -> Rig:
+    """Find screen, lasers and module.
+
+    Raises:
+        RigError: a link is missing, the lasers sit on several moving links, or nothing moves between lasers and screen.
+    """
+    screen_link = _link(tree, "screen" if screen is None else screen, "--screen")
+    laser_links = tuple(_link(tree, laser, "--laser") for laser in lasers) if lasers else _lasers_by_name(tree)
+    if len(set(laser_links)) < len(laser_links):
+        raise RigError(f"a laser is named twice: {', '.join(laser_links)}", tree.label)
+    carriers = {laser: tree.moving_link(laser) for laser in laser_links}
+    if len(set(carriers.values())) > 1:
+        where = ", ".join(f"{laser} on {carrier}" for laser, carrier in carriers.items())
+        raise RigError(f"all lasers must sit on one moving link, found {where}; choose with --laser", tree.label)
+    carrier = carriers[laser_links[0]]
+    if tree.moving_link(screen_link) == carrier:
+        raise RigError(f"no moving joint between the screen '{screen_link}' and the laser '{laser_links[0]}'", tree.label)
+    for laser in laser_links:
+        if laser == carrier:
+            raise RigError(f"laser '{laser}' hangs on no fixed joint; give it one of its own, so that its mount can be corrected", tree.label)
+    return Rig(screen_link, laser_links, _common_fixed_ancestor(tree, laser_links))
+
+
+def _link(tree: UrdfTree, name: str, option: str) -> str:
+    if name not in tree.links:
+        raise RigError(f"{no_such('link', name, tree.links)} (choose with {option} LINK; robots/slm.urdf.xacro has macros for module and screen)", tree.label)
+    return name
+
+
+def _lasers_by_name(tree: UrdfTree) -> tuple[str, ...]:
+    numbered = [(int(match[1]), link) for link in tree.links if (match := _LASER.match(link))]
+    if not numbered:
+        raise RigError("no link named laser_<digits>; name the lasers with --laser LINK, or add a module with robots/slm.urdf.xacro", tree.label)
+    return tuple(link for _, link in sorted(numbered))
+
+
+def _common_fixed_ancestor(tree: UrdfTree, lasers: Sequence[str]) -> str:
+    ancestries = [_fixed_ancestors(tree, laser) for laser in lasers]
+    return next(link for link in ancestries[0] if all(link in ancestry for ancestry in ancestries))
+
+
+def _fixed_ancestors(tree: UrdfTree, link: str) -> list[str]:
+    """The links above this one that are rigidly joined to it, nearest first."""
+    ancestors: list[str] = []
+    while link in tree.by_child and not tree.by_child[link].moves:
+        link = tree.by_child[link].parent
+        ancestors.append(link)
+    return ancestors
