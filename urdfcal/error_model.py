@@ -18,7 +18,7 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.dh import DhRow, dh_table
 from urdfcal.errors import RigError, ShapeMismatch, UsageError, did_you_mean
-from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, left_jacobian, product, rotation_screw, six_screws, translation_screw
+from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, product, rotation_screw, six_screws, translation_screw
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint
 
@@ -72,6 +72,11 @@ class Slot:
     joint: str | None
     before: bool = False
     spare: tuple[str, ...] = ()
+
+    @cached_property
+    def motions(self) -> tuple[Any, ...]:
+        """The screws as Pinocchio motions."""
+        return tuple(pin.Motion(screw) for screw in self.screws.T)
 
     def units(self) -> tuple[str, ...]:
         """`m` or `rad` for each parameter: a screw with no angular part is a translation."""
@@ -180,13 +185,57 @@ class ErrorModel:
 
     def slot_values(self, x: Vector, session: str = "") -> list[Vector]:
         """The coordinates of every slot, [m] and [rad], in one session."""
-        state = dict(zip(self.names, self.check(x), strict=True))
-        names = iter(self._slot_names(session))
-        return [np.array([state.get(name := next(names), self.held.get(name, 0.0)) for _ in slot.names]) for slot in self.slots]
+        state = self.check(x)
+        values = []
+        for columns, held in self._columns[session]:
+            value = held.copy()
+            value[columns >= 0] = state[columns[columns >= 0]]
+            values.append(value)
+        return values
 
     def placements(self, x: Vector, session: str = "") -> Placements:
         """Walk the way from screen to lasers with every slot at x."""
-        return _Walk(self, x, session).placements()
+        walk = _Walk(len(self.parameters))
+        values = self.slot_values(x, session)
+        module = walk.along(self._way, self.slots, values, self._columns[session])
+        lasers = [walk.along(way, self.slots, values, self._columns[session], start=module) for way in self._laser_ways]
+        return Placements(walk.edges, module, lasers, walk.anchors, walk.screws)
+
+    @cached_property
+    def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
+        """Per session and slot: the column of x of each coordinate (-1: held), and the values that are held."""
+        column = {name: index for index, name in enumerate(self.names)}
+        plans = {}
+        for session in self.sessions:
+            names = iter(self._slot_names(session))
+            own = [[next(names) for _ in slot.names] for slot in self.slots]
+            plans[session] = [
+                (np.array([column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot])) for slot in own
+            ]
+        return plans
+
+    @cached_property
+    def _way(self) -> list[_Station]:
+        """From the screen to the module."""
+        stations: list[_Station] = []
+        for step in self.chain.steps:
+            before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
+            origin = step.joint.origin
+            if step.forward:
+                stations += [*before, _Station(constant=origin), *behind, *_motion(step.joint)]
+            else:
+                stations += [*_motion(step.joint), *_inverse(behind), _Station(constant=origin.inverse()), *_inverse(before)]
+        return stations + self._slot_at(None, False)
+
+    @cached_property
+    def _laser_ways(self) -> list[list[_Station]]:
+        """From the module to each laser."""
+        return [
+            [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))] for way in self.chain.laser_joints
+        ]
+
+    def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:
+        return [_Station(slot=index) for index, slot in enumerate(self.slots) if (slot.joint, slot.before) == (joint, before) and slot.names]
 
     def corrected_origins(self, x: Vector) -> dict[str, SE3]:
         """The URDF origins with the errors of x in them (`origin * delta`), by joint name; untouched joints are left out.
@@ -224,63 +273,59 @@ class ErrorModel:
         return set(self._slot_names(session))
 
 
+@dataclass(frozen=True)
+class _Station:
+    """One thing to pass on the way: a constant, a slot (perhaps inverted) or, if neither, the motion of a joint."""
+
+    constant: SE3 = None
+    slot: int = -1
+    inverted: bool = False
+
+
+def _motion(joint: UrdfJoint) -> list[_Station]:
+    return [_Station()] if joint.moves else []
+
+
+def _inverse(stations: list[_Station]) -> list[_Station]:
+    return [replace(station, inverted=True) for station in stations]
+
+
 class _Walk:
-    """One walk along the way: collects placements and screws."""
+    """Collects the placements between motions, and the screw of every parameter in the frame behind the last motion."""
 
-    def __init__(self, errors: ErrorModel, x: Vector, session: str) -> None:
-        self.column = {name: index for index, name in enumerate(errors.names)}
-        self.errors = errors
-        names = iter(errors._slot_names(session))
-        self.slot_names = {id(slot): [next(names) for _ in slot.names] for slot in errors.slots}
-        values = errors.slot_values(x, session)
-        self.factors = {id(slot): exponentials(slot.screws, value) for slot, value in zip(errors.slots, values, strict=True)}
-        self.at = {(slot.joint, slot.before): slot for slot in errors.slots}
-        self.edge, self.anchor = pin.SE3.Identity(), 0
+    def __init__(self, parameters: int) -> None:
         self.edges: list[SE3] = []
-        self.anchors = np.zeros(len(errors.names), dtype=int)
-        self.screws = np.zeros((6, len(errors.names)))
+        self.anchors = np.zeros(parameters, dtype=int)
+        self.screws = np.zeros((6, parameters))
 
-    def placements(self) -> Placements:
-        for step in self.errors.chain.steps:
-            if step.forward:
-                self.pass_slot(step.joint.name, before=True)
-                self.edge = self.edge * step.joint.origin
-                self.pass_slot(step.joint.name, before=False)
-                self.pass_motion(step.joint)
+    def along(
+        self, way: Iterable[_Station], slots: Sequence[Slot], values: Sequence[Vector], columns: Sequence[tuple[Any, Vector]], start: SE3 | None = None
+    ) -> SE3:
+        """Walk from a placement behind the last motion; gives back the placement reached."""
+        edge = pin.SE3.Identity() if start is None else start
+        for station in way:
+            if station.constant is not None:
+                edge = edge * station.constant
+            elif station.slot >= 0:
+                slot = slots[station.slot]
+                edge = self.pass_slot(edge, slot.motions, values[station.slot], columns[station.slot][0], station.inverted)
             else:
-                self.pass_motion(step.joint)
-                self.pass_slot(step.joint.name, before=False, inverse=True)
-                self.edge = self.edge * step.joint.origin.inverse()
-                self.pass_slot(step.joint.name, before=True, inverse=True)
-        self.pass_slot(None, before=False)
-        module = self.edge
-        return Placements(self.edges, module, [self.laser(module, way) for way in self.errors.chain.laser_joints], self.anchors, self.screws)
+                self.edges.append(edge)
+                edge = pin.SE3.Identity()
+        return edge
 
-    def laser(self, module: SE3, way: Sequence[UrdfJoint]) -> SE3:
-        self.edge = module
-        for joint in way:
-            self.edge = self.edge * joint.origin
-            self.pass_slot(joint.name, before=False)
-        return self.edge
-
-    def pass_motion(self, joint: UrdfJoint) -> None:
-        if joint.moves:
-            self.edges.append(self.edge)
-            self.edge, self.anchor = pin.SE3.Identity(), self.anchor + 1
-
-    def pass_slot(self, joint: str | None, before: bool, inverse: bool = False) -> None:
-        slot = self.at.get((joint, before))
-        if slot is None:
-            return
-        factors, screws, order = self.factors[id(slot)], slot.screws, self.slot_names[id(slot)]
-        if inverse:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
-            factors, screws, order = [factor.inverse() for factor in factors[::-1]], -screws[:, ::-1], order[::-1]
-        moved = self.edge.action @ left_jacobian(screws, factors)
-        for name, screw in zip(order, moved.T, strict=True):
-            if name in self.column:
-                self.anchors[self.column[name]] = self.anchor
-                self.screws[:, self.column[name]] = screw
-        self.edge = self.edge * product(factors)
+    def pass_slot(self, edge: SE3, screws: Sequence[Any], value: Vector, columns: Any, inverted: bool) -> SE3:
+        """Move along each screw in turn; its twist, seen from the last motion, is Ad(edge) screw, and minus that for an inverse."""
+        sign = 1.0
+        if inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
+            screws, value, columns, sign = screws[::-1], value[::-1], columns[::-1], -1.0
+        for screw, coordinate, column in zip(screws, value.tolist(), columns.tolist(), strict=True):
+            if column >= 0:
+                self.anchors[column] = len(self.edges)
+                self.screws[:, column] = sign * edge.act(screw).vector
+            if coordinate:
+                edge = edge * pin.exp6(screw * (sign * coordinate))
+        return edge
 
 
 def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:

@@ -34,7 +34,7 @@ class LaserMotion:
         source: Origins of the beams on the screen's axes, (n, lasers, 3), [m].
         direction: Unit vectors along the beams in screen axes, (n, lasers, 3).
         jac1: Twist [v, w] of the module against the screen, in screen axes at the screen's origin, per parameter, (n, 6, p).
-        joint_jacobian: The same per measured joint, (n, 6, inputs).
+        joint_jacobian: The same per measured joint, (n, 6, inputs); no columns where it was not asked for.
     """
 
     source: Array3
@@ -51,6 +51,14 @@ class ArmKinematics:
         self.model = chain.new_model()
         self.data = self.model.createData()
         self.joints = self.model.njoints
+
+    @cached_property
+    def axis_screws(self) -> Matrix:
+        """Each moving joint's own motion as a screw in its own frame, (6, moving)."""
+        columns = np.zeros((6, len(self.chain.moving)))
+        for column, step in enumerate(self.chain.moving):
+            columns[0 if step.joint.prismatic else 3 :, column][:3] = step.joint.axis
+        return columns
 
     def chain_positions(self, q: Matrix) -> Matrix:
         """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
@@ -93,7 +101,7 @@ class ArmKinematics:
         return view
 
 
-def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> LaserMotion:
+def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "", joints: bool = False) -> LaserMotion:
     """Differentiate the poses of the lasers with respect to the error parameters (Jac1, equation 6).
 
     Args:
@@ -102,29 +110,31 @@ def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, s
         q: Measured joint positions, (n, inputs), [rad] or [m].
         x: Error parameters, (p,), [m] and [rad] in the order of `errors.names`.
         session: Whose screen placement to use.
+        joints: Also differentiate by the measured joints.
 
     Raises:
         ShapeMismatch: q or x does not fit this chain and error model.
     """
     placed = errors.placements(x, session)
-    return motion_at(arm, placed, arm.chain_positions(q))
+    return motion_at(arm, placed, arm.chain_positions(q), joints)
 
 
-def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix) -> LaserMotion:
-    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given."""
+def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, joints: bool = False) -> LaserMotion:
+    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given; joint twists on request."""
     arm.place(placed.joints)
     frames = arm.frames(positions)
-    n, lasers = len(frames), len(placed.lasers)
+    n, lasers, parameters = len(frames), len(placed.lasers), placed.screws.shape[1]
     beams = (frames.reshape(3 * n, -1)[:, -4:] @ _beam_columns(placed)).reshape(n, 3, 2, lasers)
-    anchors = np.concatenate([placed.anchors, np.arange(1, arm.joints)])
-    screws = np.hstack([placed.screws, _axis_screws(arm.chain)])
+    anchors, screws, coupling = placed.anchors, placed.screws, np.empty((0, 0))
+    if joints:
+        anchors = np.concatenate([anchors, np.arange(1, arm.joints)])
+        screws, coupling = np.hstack([screws, arm.axis_screws]), arm.chain.coupling.T
     twists = _twists(frames, anchors, screws)
-    parameters = placed.screws.shape[1]
     return LaserMotion(
         source=beams[:, :, 0].transpose(0, 2, 1),
         direction=beams[:, :, 1].transpose(0, 2, 1),
         jac1=twists[:, :, :parameters],
-        joint_jacobian=twists[:, :, parameters:] @ arm.chain.coupling.T,
+        joint_jacobian=twists[:, :, parameters:] @ coupling,
     )
 
 
@@ -135,26 +145,22 @@ def _beam_columns(placed: Placements) -> Matrix:
     return np.array(sources + directions).T
 
 
-def _axis_screws(chain: Chain) -> Matrix:
-    """Each moving joint's own motion as a screw in its own frame, (6, moving)."""
-    columns = np.zeros((6, len(chain.moving)))
-    for column, step in enumerate(chain.moving):
-        columns[0 if step.joint.prismatic else 3 :, column][:3] = step.joint.axis
-    return columns
-
-
 def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
     """Twists [R v + p x R w, R w] of constant screws in the frames that they are anchored to, (n, 6, columns)."""
     n, _, width = frames.shape
-    columns = screws.shape[1]
-    basis = np.zeros((width // 4, 4, 3, columns))  # maps frame columns to R v, R w and p of every screw
-    pick = np.arange(columns)
-    basis[anchors, :3, 0, pick] = screws[:3].T
-    basis[anchors, :3, 1, pick] = screws[3:].T
-    basis[anchors, 3, 2, pick] = 1.0
-    v, w, p = np.moveaxis((frames.reshape(3 * n, width) @ basis.reshape(width, -1)).reshape(n, 3, 3, columns), 2, 0)
-    twists = np.empty((n, 6, columns))
-    for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        twists[:, row] = v[:, row] + p[:, i] * w[:, j] - p[:, j] * w[:, i]
+    flat, pick = frames.reshape(3 * n, width), np.arange(screws.shape[1])
+
+    def rows(frame_columns: int | slice, values: Matrix | float) -> Array3:
+        basis = np.zeros((width // 4, 4, len(pick)))
+        basis[anchors, frame_columns, pick] = values
+        return (flat @ basis.reshape(width, -1)).reshape(n, 3, -1)
+
+    v, w, p = rows(slice(0, 3), screws[:3].T), rows(slice(0, 3), screws[3:].T), rows(3, 1.0)
+    twists = np.empty((n, 6, len(pick)))
+    for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
+        row = twists[:, axis]
+        np.multiply(p[:, i], w[:, j], out=row)
+        row -= p[:, j] * w[:, i]
+        row += v[:, axis]
     twists[:, 3:] = w
     return twists

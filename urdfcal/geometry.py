@@ -52,19 +52,6 @@ def product(transforms: list[SE3]) -> SE3:
     return result
 
 
-def left_jacobian(screws: Matrix, factors: list[SE3]) -> Matrix:
-    """Derivative of a product of exponentials as twists in the frame that it starts from, (6, k).
-
-    With D(x) = E_1 ... E_k, column j is Ad(E_1 ... E_{j-1}) screw_j, so that dD D^-1 = sum_j column_j dx_j.
-    """
-    columns = np.empty((6, screws.shape[1]))
-    before = pin.SE3.Identity()
-    for column, (screw, factor) in enumerate(zip(screws.T, factors, strict=True)):
-        columns[:, column] = before.action @ screw
-        before = before * factor
-    return columns
-
-
 def pose(xyz: Vector, rpy: Vector) -> SE3:
     """A URDF origin as a placement: xyz in metres, roll-pitch-yaw in radians."""
     return pin.SE3(pin.rpy.rpyToMatrix(*(float(angle) for angle in rpy)), np.asarray(xyz, dtype=float))

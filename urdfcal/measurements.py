@@ -1,0 +1,368 @@
+"""Laser spots and the joint positions they were seen at: `measurements.csv`, in and out."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.errors import MeasurementError, ShapeMismatch, did_you_mean
+from urdfcal.files import write_whole
+from urdfcal.geometry import DEG, MM, Array3, Matrix
+from urdfcal.robot import Robot
+from urdfcal.urdf_tree import UrdfJoint
+
+Labels = npt.NDArray[np.str_]
+Mask = npt.NDArray[np.bool_]
+
+_LENGTHS = {"m": 1.0, "mm": MM}
+_ANGLES = {"rad": 1.0, "deg": DEG}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+_HEADER = re.compile(r"(?P<name>.*?)\s*(?:\[\s*(?P<unit>[^\]]*?)\s*\])?$")
+_TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Spots on the screen at known joint positions; SI units.
+
+    Attributes:
+        joints: Names of the measured joints.
+        lasers: Names of the laser links.
+        q: Joint positions, (n, joints), [rad] or [m].
+        spots: (y, z) on the screen, (n, lasers, 2), [m]; nan where a beam was not seen.
+        sigma: Stated standard deviation of each spot, (n, lasers), [m]; nan where nothing is stated.
+        poses: Label of each pose, (n,).
+        sets: `fit` or `test`, (n,).
+        sessions: Session of each pose, (n,); the empty string where there is only one.
+        source: Where the measurements come from, for messages.
+        lines: Line of each pose in the file, (n,); 0 where there is none.
+        warnings: What was odd but could be read.
+    """
+
+    joints: tuple[str, ...]
+    lasers: tuple[str, ...]
+    q: Matrix
+    spots: Array3
+    sigma: Matrix
+    poses: Labels
+    sets: Labels
+    sessions: Labels
+    source: str = ""
+    lines: npt.NDArray[np.int_] | None = None
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.q)
+        expected = {
+            "q": (n, len(self.joints)),
+            "spots": (n, len(self.lasers), 2),
+            "sigma": (n, len(self.lasers)),
+            "poses": (n,),
+            "sets": (n,),
+            "sessions": (n,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ShapeMismatch(f"measurements: {name} has shape {getattr(self, name).shape}, expected {shape}")
+        if not np.isfinite(self.q).all():
+            raise ShapeMismatch("measurements: joint positions must be finite")
+        if (np.isnan(self.spots[..., 0]) != np.isnan(self.spots[..., 1])).any() or np.isinf(self.spots).any():
+            raise ShapeMismatch("measurements: a spot is two finite numbers, or two nan where it was not seen")
+
+    def __len__(self) -> int:
+        """Number of poses."""
+        return len(self.q)
+
+    @property
+    def seen(self) -> Mask:
+        """Which beams were seen, (n, lasers)."""
+        return ~np.isnan(self.spots[..., 0])
+
+    @property
+    def session_names(self) -> tuple[str, ...]:
+        """The sessions in order of their first pose."""
+        return tuple(dict.fromkeys(str(session) for session in self.sessions))
+
+    def subset(self, rows: npt.ArrayLike) -> Measurements:
+        """Some of the poses, by mask or index."""
+        index = np.asarray(rows)
+        per_pose = {name: getattr(self, name)[index] for name in ("q", "spots", "sigma", "poses", "sets", "sessions")}
+        return replace(self, **per_pose, lines=None if self.lines is None else self.lines[index], warnings=())
+
+    def split(self) -> tuple[Measurements, Measurements]:
+        """The poses to fit and the poses to test, by the `set` column."""
+        return self.subset(self.sets == "fit"), self.subset(self.sets == "test")
+
+    def where(self, pose: int) -> str:
+        """How a message names a pose: `arm7.csv:17`, or its label."""
+        if self.lines is not None and self.lines[pose]:
+            return f"{self.source}:{self.lines[pose]}"
+        return f"pose {self.poses[pose]}"
+
+
+def measurements(
+    robot: Robot,
+    q: npt.ArrayLike,
+    spots: npt.ArrayLike,
+    *,
+    sigma: npt.ArrayLike | None = None,
+    poses: Sequence[str] | None = None,
+    sets: Sequence[str] | None = None,
+    sessions: Sequence[str] | None = None,
+) -> Measurements:
+    """Measurements from arrays.
+
+    Args:
+        robot: Whose joints and lasers they belong to, in the order of `robot.chain.input_names` and `robot.rig.lasers`.
+        q: (n, joints), [rad] or [m].
+        spots: (n, lasers, 2), [m]; nan where a beam was not seen.
+        sigma: (n, lasers), [m]; nan where nothing is stated.
+        poses: Labels; by default the numbers from 1.
+        sets: `fit` or `test`; by default all `fit`.
+        sessions: Session labels; by default one session.
+
+    Raises:
+        ShapeMismatch: the arrays do not fit the robot or each other.
+    """
+    positions, places = np.asarray(q, dtype=float), np.asarray(spots, dtype=float)
+    n = len(positions)
+    stated = np.full((n, len(robot.rig.lasers)), np.nan) if sigma is None else np.asarray(sigma, dtype=float)
+    labels = [str(number) for number in range(1, n + 1)] if poses is None else poses
+    return Measurements(
+        joints=robot.chain.input_names,
+        lasers=robot.rig.lasers,
+        q=positions,
+        spots=places,
+        sigma=stated,
+        poses=np.array(labels, dtype=str),
+        sets=np.array(["fit"] * n if sets is None else sets, dtype=str),
+        sessions=np.array([""] * n if sessions is None else sessions, dtype=str),
+    )
+
+
+def read_measurements(path: str | Path, robot: Robot) -> Measurements:
+    """Read laser spots from CSV: one row a pose, one column a joint, `<laser>.y` and `<laser>.z` for each beam.
+
+    Raises:
+        MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
+    """
+    return _Reader(Path(path), robot).read()
+
+
+def write_measurements(path: str | Path, data: Measurements, comments: Iterable[str] = ()) -> None:
+    """Write measurements as CSV in radians and metres, whole or not at all."""
+    header = ["pose", *data.joints, *(f"{laser}.{axis}" for laser in data.lasers for axis in "yz")]
+    stated = [index for index in range(len(data.lasers)) if not np.isnan(data.sigma[:, index]).all()]
+    header += [f"{data.lasers[index]}.sigma" for index in stated]
+    marks = {"set": data.sets} if (data.sets == "test").any() else {}
+    marks |= {"session": data.sessions} if (data.sessions != "").any() else {}
+    lines = [f"# {comment}" for comment in comments] + [",".join(header + list(marks))]
+    numbers = np.hstack([data.q, data.spots.reshape(len(data), -1), data.sigma[:, stated]])
+    for pose, row in enumerate(numbers):
+        cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
+        lines.append(",".join([str(data.poses[pose]), *cells, *(str(mark[pose]) for mark in marks.values())]))
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+class _Reader:
+    """Reads one file; keeps what every message needs."""
+
+    def __init__(self, path: Path, robot: Robot) -> None:
+        self.path, self.robot = path, robot
+        self.joints = robot.chain.inputs
+        self.lasers = robot.rig.lasers
+        self.warnings: list[str] = []
+
+    def fail(self, line: int | None, column: str, message: str) -> MeasurementError:
+        return MeasurementError(f"column '{column}': {message}" if column else message, self.path, line)
+
+    def read(self) -> Measurements:
+        rows = self.rows()
+        header_line, header = next(rows, (None, []))
+        if header_line is None:
+            raise self.fail(None, "", "the file has no header line; expected the joint names and <laser>.y, <laser>.z")
+        self.parse_header(header_line, header)
+        table = [(line, self.full_row(line, row)) for line, row in rows]
+        if not table:
+            raise self.fail(header_line, "", "there is a header and no row; expected one row a pose")
+        lines = [line for line, _ in table]
+        columns = {name: [row[index] for _, row in table] for name, index in self.index.items()}
+        return self.build(lines, columns)
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        try:
+            text = self.path.read_bytes().decode("utf-8-sig")
+        except OSError as error:
+            raise self.fail(None, "", f"cannot be read: {error.strerror or error}") from None
+        except UnicodeDecodeError as error:
+            line = error.object[: error.start].count(b"\n") + 1
+            raise self.fail(line, "", "is not UTF-8 text; save it as CSV in UTF-8") from None
+        lines = re.split(r"\r\n|\n|\r", text)
+        kept = [(number, line) for number, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
+        first = kept[0][1] if kept else ""
+        self.separator = next((mark for mark in ";\t" if mark in first), ",")
+        for number, line in kept:
+            try:
+                cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
+            except csv.Error as error:
+                raise self.fail(number, "", f"cannot be split into cells: {error}") from None
+            yield number, [cell.strip() for cell in cells]
+
+    def parse_header(self, line: int, header: list[str]) -> None:
+        while header and not header[-1]:
+            header.pop()
+        self.index: dict[str, int] = {}
+        self.units: dict[str, str] = {}
+        for position, cell in enumerate(header):
+            match = _HEADER.match(cell)
+            name, unit = (match["name"], match["unit"]) if match else (cell, None)
+            if not name:
+                raise self.fail(line, cell, f"cell {position + 1} of the header is empty, expected a name")
+            if name in self.index:
+                raise self.fail(line, name, f"stands twice, in cells {self.index[name] + 1} and {position + 1}")
+            self.index[name] = position
+            if unit is not None:
+                self.units[name] = unit
+        self.width = len(header)
+        self.header_line = line
+        self.check_columns()
+
+    def check_columns(self) -> None:
+        for joint in self.joints:
+            if joint.name not in self.index:
+                raise self.fail(self.header_line, joint.name, f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}")
+        known = {"set", "session", "pose", *self.robot.tree.joints}
+        for laser in self.lasers:
+            y, z = f"{laser}.y", f"{laser}.z"
+            known |= {y, z, f"{laser}.sigma"}
+            if (y in self.index) != (z in self.index):
+                raise self.fail(self.header_line, z if y in self.index else y, f"is missing; a spot of {laser} needs {y} and {z}")
+        self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index]
+        if not self.seen_lasers:
+            raise self.fail(self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z")
+        for laser in self.lasers:
+            if laser not in self.seen_lasers:
+                self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
+        for name in self.index:
+            if name not in known:
+                self.warnings.append(f"{self.path}:{self.header_line}: column '{name}' means nothing here and is not used{did_you_mean(name, known - set(self.index))}")
+
+    def full_row(self, line: int, row: list[str]) -> list[str]:
+        extra = row[self.width :]
+        if len(row) < self.width or any(extra):
+            raise self.fail(line, "", f"the row has {len(row)} cells, expected {self.width} as in the header")
+        return row
+
+    def build(self, lines: list[int], columns: dict[str, list[str]]) -> Measurements:
+        n = len(lines)
+        q = np.column_stack([self.joint_column(joint, lines, columns[joint.name]) for joint in self.joints])
+        spots, sigma = np.full((n, len(self.lasers), 2), np.nan), np.full((n, len(self.lasers)), np.nan)
+        for index, laser in enumerate(self.lasers):
+            if laser in self.seen_lasers:
+                spots[:, index] = self.spot_columns(laser, lines, columns)
+            if f"{laser}.sigma" in columns:
+                sigma[:, index] = self.sigma_column(f"{laser}.sigma", lines, columns[f"{laser}.sigma"])
+        if np.isnan(spots).all():
+            raise self.fail(lines[0], f"{self.seen_lasers[0]}.y", "every spot is empty; expected at least one that was seen")
+        numbers = [str(number) for number in range(1, n + 1)]
+        poses = [label or number for label, number in zip(columns.get("pose", numbers), numbers, strict=True)]
+        return Measurements(
+            joints=tuple(joint.name for joint in self.joints),
+            lasers=self.lasers,
+            q=q,
+            spots=spots,
+            sigma=sigma,
+            poses=np.array(poses, dtype=str),
+            sets=np.array(self.set_column(lines, columns.get("set", [])) or ["fit"] * n, dtype=str),
+            sessions=np.array(columns.get("session", [""] * n), dtype=str),
+            source=str(self.path),
+            lines=np.array(lines),
+            warnings=tuple(self.warnings),
+        )
+
+    def unit(self, name: str, allowed: dict[str, float]) -> float:
+        unit = self.units.get(name, next(iter(allowed)))
+        if unit not in allowed:
+            raise self.fail(self.header_line, name, f"unit '{unit}' is not understood, expected {' or '.join(allowed)}")
+        return allowed[unit]
+
+    def numbers(self, name: str, lines: list[int], cells: list[str], factor: float, way_out: str, empty: bool = False) -> Any:
+        values = np.empty(len(cells))
+        comma = self.separator == ";"
+        for row, cell in enumerate(cells):
+            text = cell.replace(",", ".") if comma and "." not in cell else cell
+            if not text and empty:
+                values[row] = np.nan
+            elif _NUMBER.match(text) and math.isfinite(float(text)):
+                values[row] = float(text)
+            else:
+                found = f"'{cell}' is not a number" if not _looks_infinite(cell) else f"'{cell}' is not finite"
+                raise self.fail(lines[row], name, f"{found if cell else 'the cell is empty'}; {way_out}")
+        return values * factor
+
+    def joint_column(self, joint: UrdfJoint, lines: list[int], cells: list[str]) -> Any:
+        allowed = _LENGTHS if joint.prismatic else _ANGLES
+        factor = self.unit(joint.name, allowed)
+        values = self.numbers(joint.name, lines, cells, factor, f"expected the joint's position in {next(iter(allowed))} (or say [deg], [mm] in the header)")
+        self.check_limits(joint, lines, values)
+        return values
+
+    def check_limits(self, joint: UrdfJoint, lines: list[int], values: Any) -> None:
+        lower, upper = (-_TURNS, _TURNS) if joint.type == "continuous" else (joint.lower, joint.upper)
+        outside = (values < lower - 1e-6) | (values > upper + 1e-6)
+        if not outside.any():
+            return
+        first = lines[int(np.argmax(outside))]
+        unit = "m" if joint.prismatic else "rad"
+        limits = f"{lower:.4g} to {upper:.4g} {unit}"
+        degrees = values * DEG
+        if not joint.prismatic and 2 * outside.sum() > len(values) and ((degrees >= lower - 1e-6) & (degrees <= upper + 1e-6))[outside].all():
+            raise self.fail(
+                first,
+                joint.name,
+                f"{outside.sum()} of {len(values)} cells lie outside the limits {limits} and inside them as degrees; write '{joint.name} [deg]' in the header",
+            )
+        many = f"{outside.sum()} of {len(values)} cells lie" if outside.sum() > 1 else "a cell lies"
+        self.warnings.append(f"{self.path}:{first}: column '{joint.name}': {many} outside the joint's limits {limits}")
+
+    def spot_columns(self, laser: str, lines: list[int], columns: dict[str, list[str]]) -> Any:
+        way_out = "leave both cells of a beam empty if it was not seen"
+        pair = []
+        for axis in "yz":
+            name = f"{laser}.{axis}"
+            pair.append(self.numbers(name, lines, columns[name], self.unit(name, _LENGTHS), way_out, empty=True))
+        lone = np.isnan(pair[0]) != np.isnan(pair[1])
+        if lone.any():
+            row = int(np.argmax(lone))
+            axis = "y" if np.isnan(pair[0][row]) else "z"
+            raise self.fail(lines[row], f"{laser}.{axis}", f"the cell is empty and the beam's other one is not; {way_out}")
+        return np.column_stack(pair)
+
+    def sigma_column(self, name: str, lines: list[int], cells: list[str]) -> Any:
+        values = self.numbers(name, lines, cells, self.unit(name, _LENGTHS), "expected a standard deviation, or nothing", empty=True)
+        wrong = values <= 0
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise self.fail(lines[row], name, f"'{cells[row]}' is not above zero; expected a standard deviation, or nothing")
+        return values
+
+    def set_column(self, lines: list[int], cells: list[str]) -> list[str]:
+        for line, cell in zip(lines, cells, strict=False):
+            if cell not in ("", "fit", "test"):
+                raise self.fail(line, "set", f"'{cell}' is neither fit nor test")
+        return [cell or "fit" for cell in cells]
+
+
+def _looks_infinite(cell: str) -> bool:
+    try:
+        return not math.isfinite(float(cell))
+    except ValueError:
+        return False

@@ -1,0 +1,83 @@
+"""The measurement function of a robot with lasers: J = Jac2 Jac1, equation (12), stacked over all poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from urdfcal.error_model import ErrorModel
+from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
+from urdfcal.geometry import Array3, Matrix, Vector
+from urdfcal.measurements import Measurements
+from urdfcal.noise import Linearisation
+from urdfcal.sensors import spot_jacobian_at_screen, spots_on_screen
+
+
+class SpotModel:
+    """Predicts the spots of a set of poses and their derivative by the error parameters."""
+
+    def __init__(self, errors: ErrorModel, data: Measurements, joints: bool = False) -> None:
+        """Prepare for some poses; `joints` also differentiates by the measured joints, for their noise."""
+        self.errors, self.data, self.joints = errors, data, joints
+        self.arm = ArmKinematics(errors.chain)
+        self.positions = self.arm.chain_positions(data.q)
+        self.measured = np.repeat(data.seen, 2, axis=1)
+        self.stated_sigma = np.repeat(data.sigma, 2, axis=1)
+        self.parts = [part for session in errors.sessions for part in self._chunks(session)]
+        self.blind = _other_lasers_rows(errors)
+
+    def predict(self, x: Vector) -> tuple[Array3, Matrix]:
+        """Spots (n, lasers, 2) and beam lengths (n, lasers) at x, [m]."""
+        n, lasers = self.data.seen.shape
+        spots, lengths = np.empty((n, lasers, 2)), np.empty((n, lasers))
+        for session, rows in self.parts:
+            motion = motion_at(self.arm, self.errors.placements(x, session), self.positions[rows])
+            spots[rows], lengths[rows] = spots_on_screen(motion.source, motion.direction)
+        return spots, lengths
+
+    def linearise(self, x: Vector) -> Linearisation:
+        """Residual and Jacobian of every measured spot coordinate at x."""
+        n, numbers = self.measured.shape
+        residual, jacobian = np.empty((n, numbers)), np.empty((n, numbers, len(self.errors.names)))
+        joint_jacobian = np.empty((n, numbers, len(self.data.joints) if self.joints else 0))
+        reached = True
+        placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
+        for session, rows in self.parts:
+            motion = motion_at(self.arm, placed[session], self.positions[rows], self.joints)
+            spots, lengths = spots_on_screen(motion.source, motion.direction)
+            seen, measured = self.data.seen[rows], self.measured[rows]
+            reached &= bool((lengths[seen] > 0).all() and np.isfinite(lengths[seen]).all())
+            residual[rows] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
+            jacobian[rows], joint_jacobian[rows] = self._derivatives(motion, measured)
+        trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() and np.isfinite(jacobian).all() else "not_finite"
+        return Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble)
+
+    def unreached(self, x: Vector) -> tuple[int, int] | None:
+        """Pose and laser of the first measured beam that does not meet the screen at x."""
+        lengths = self.predict(x)[1]
+        missing = np.argwhere(self.data.seen & ~((lengths > 0) & np.isfinite(lengths)))
+        return (int(missing[0, 0]), int(missing[0, 1])) if len(missing) else None
+
+    def _derivatives(self, motion: LaserMotion, measured: Matrix) -> tuple[Array3, Array3]:
+        n, numbers = measured.shape
+        jac2 = spot_jacobian_at_screen(motion.source, motion.direction).reshape(n, numbers, 6)
+        if not measured.all():
+            jac2[~measured.astype(bool)] = 0.0
+        jacobian = jac2 @ motion.jac1
+        if self.blind is not None:
+            jacobian[:, self.blind] = 0.0
+        return jacobian, jac2 @ motion.joint_jacobian
+
+    def _chunks(self, session: str) -> list[tuple[str, Array3 | slice]]:
+        if len(self.errors.sessions) == 1:
+            return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
+        rows = np.flatnonzero(self.data.sessions == session)
+        return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
+
+
+def _other_lasers_rows(errors: ErrorModel) -> Array3 | None:
+    """Mask (numbers, p) of the derivatives that are zero because a beam's own parameters move that beam alone."""
+    owner = np.array(errors.beam_lasers)
+    if (owner < 0).all():
+        return None
+    laser_of_row = np.repeat(np.arange(len(errors.chain.laser_joints)), 2)
+    return (owner >= 0) & (owner != laser_of_row[:, None])
