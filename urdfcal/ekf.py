@@ -121,7 +121,7 @@ def compress(H: Matrix, innovation: Vector, scale: Vector) -> tuple[Matrix, Vect
     return (lengths[:, None] * rows) / scale, (rows @ gradient) / lengths
 
 
-def iterated(
+def iterated_schedule(
     linearise: Linearise, prior: Belief, noise: Noise, *, start: Vector | None = None, tolerance: float = TOLERANCE, max_sweeps: int | None = None
 ) -> Estimate:
     """The maximum a posteriori estimate: one update of the prior, relinearised until its step is under `tolerance` sigmas.
@@ -165,7 +165,7 @@ def iterated(
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 
 
-def paper(
+def paper_schedule(
     linearise: Linearise, prior: Belief, noise: Noise, *, q: float = 1e-4, r: float = 1e-4, tolerance: float = TOLERANCE, max_sweeps: int | None = None
 ) -> Estimate:
     """The paper's schedule: predict and update with the stacked poses, sweep after sweep, Q = q I and R = r I.

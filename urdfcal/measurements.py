@@ -108,7 +108,7 @@ class Measurements:
         return f"pose {self.poses[pose]}"
 
 
-def measurements(
+def measurements_from(
     robot: Robot,
     q: npt.ArrayLike,
     spots: npt.ArrayLike,

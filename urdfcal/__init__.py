@@ -1,0 +1,53 @@
+"""urdfcal: the real geometry of a robot arm, from measurements, back into its URDF.
+
+    robot = urdfcal.load_robot("arm7.urdf.xacro")
+    data = urdfcal.read_measurements("measurements.csv", robot)
+    calibration = urdfcal.fit(robot, data)
+    model = calibration.apply_to(robot.model)
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from urdfcal.calibration import Calibration, evaluate, fit
+    from urdfcal.calibration_file import StoredCalibration
+    from urdfcal.calibration_file import read_calibration as load_calibration
+    from urdfcal.errors import FitRejected, InputError, UrdfcalError
+    from urdfcal.gauge import ModelOptions
+    from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
+    from urdfcal.robot import Robot, load_robot
+
+_HOME = {
+    "Calibration": "calibration",
+    "evaluate": "calibration",
+    "fit": "calibration",
+    "StoredCalibration": "calibration_file",
+    "load_calibration": "calibration_file",
+    "FitRejected": "errors",
+    "InputError": "errors",
+    "UrdfcalError": "errors",
+    "ModelOptions": "gauge",
+    "Measurements": "measurements",
+    "measurements_from": "measurements",
+    "read_measurements": "measurements",
+    "write_measurements": "measurements",
+    "Robot": "robot",
+    "load_robot": "robot",
+}
+_OTHER_NAMES = {"load_calibration": "read_calibration"}
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name when it is first asked for: Pinocchio takes a while, and `urdfcal --help` does not need it."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'urdfcal' has no attribute '{name}'")
+    value = getattr(import_module(f"urdfcal.{_HOME[name]}"), _OTHER_NAMES.get(name, name))
+    globals()[name] = value
+    return value

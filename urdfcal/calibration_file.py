@@ -1,0 +1,250 @@
+"""The calibration as a file: origins, parameters, combinations and where they come from; and putting it on a robot again."""
+
+from __future__ import annotations
+
+import hashlib
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from urdfcal import __version__
+from urdfcal.calibration import Calibration, SpotTable
+from urdfcal.corrections import OriginCorrection, corrected_model
+from urdfcal.errors import CalibrationFileError, did_you_mean
+from urdfcal.files import write_whole
+from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
+from urdfcal.robot import Robot
+
+_SAME = 1e-6  # [mm] and [mrad]: closer than that two origins are the same
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Triple = tuple[Finite, Finite, Finite]
+
+
+class _Loose(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class OriginEntry(_Loose):
+    """xyz in metres, rpy in radians."""
+
+    xyz: Triple
+    rpy: Triple
+
+    def placement(self) -> SE3:
+        """As a placement."""
+        return pose(np.array(self.xyz), np.array(self.rpy))
+
+
+class JointEntry(_Loose):
+    """One calibrated joint."""
+
+    moves: bool
+    nominal: OriginEntry
+    corrected: OriginEntry
+
+
+class CalibrationEntries(_Loose):
+    """The part of the file that is read back."""
+
+    joints: dict[str, JointEntry] = Field(min_length=1)
+
+
+@dataclass(frozen=True)
+class StoredCalibration:
+    """A calibration read from its file.
+
+    Attributes:
+        path: The file.
+        corrections: Nominal and corrected origin by joint name.
+    """
+
+    path: Path
+    corrections: dict[str, OriginCorrection]
+
+    def apply_to(self, model: Any) -> Any:
+        """A corrected copy of a Pinocchio model.
+
+        Raises:
+            RobotError: the model lacks a joint that was calibrated.
+        """
+        return corrected_model(model, self.corrections)
+
+    def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
+        """The origins to write into a robot description that may have changed elsewhere.
+
+        An origin that equals the nominal one gets the corrected one; one that already equals the corrected one stays.
+
+        Args:
+            robot: The target.
+            force: Where an origin is neither, put the correction on top of it.
+
+        Returns:
+            Origins by joint name, and the calibrated joints that the target does not have.
+
+        Raises:
+            CalibrationFileError: the target is calibrated already, lacks a moving joint, or has an origin that is neither.
+        """
+        present = robot.tree.joints
+        origins, already, missing = {}, 0, []
+        for name, correction in self.corrections.items():
+            if name not in present:
+                if correction.moving:
+                    raise CalibrationFileError(f"the robot {robot.description.path} has no joint '{name}'{did_you_mean(name, present)}", self.path)
+                missing.append(name)
+                continue
+            origin = present[name].origin
+            if _same(origin, correction.nominal):
+                origins[name] = correction.corrected
+            elif _same(origin, correction.corrected):
+                already += 1
+            elif force:
+                origins[name] = origin * correction.delta
+            else:
+                off_mm, off_mrad = distance_mm_mrad(origin, correction.nominal)
+                raise CalibrationFileError(
+                    f"joint '{name}' of {robot.description.path} is neither at its nominal nor at its corrected origin "
+                    f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
+                    self.path,
+                )
+        if already and all(_same(self.corrections[name].nominal, origin) for name, origin in origins.items()):
+            raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
+        return origins, missing
+
+
+def write_calibration(path: str | Path, calibration: Calibration, command: Sequence[str]) -> None:
+    """Write a calibration as YAML, whole or not at all."""
+    noise = calibration.estimate.noise
+    content = {
+        **_provenance(calibration.robot, command),
+        "measurements": _data_entry(calibration),
+        "estimator": {
+            "name": calibration.estimator,
+            "error_model_parameters": len(calibration.errors.names),
+            "rank": calibration.identifiability.rank,
+            "converged": calibration.converged,
+            "stop": calibration.stop_reason,
+            "sweeps": len(calibration.estimate.history) - 1,
+            "chi_squared_per_degree_of_freedom": calibration.chi_squared,
+        },
+        "noise": {
+            "spot_sigma_mm": noise.spot_sigma / MM,
+            "spot_sigma_stated": noise.stated,
+            "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
+        },
+        "joints": joint_entries(calibration.corrections),
+        "parameters": parameter_entries(calibration),
+        "carried": dict(calibration.errors.carried),
+        "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
+        "spots": {"before": _table(calibration.before), "after": _table(calibration.after)},
+    }
+    if calibration.test:
+        content["spots"]["test"] = {"before": _table(calibration.test[0]), "after": _table(calibration.test[1])}
+    _write(path, "Calibration by urdfcal. xyz and values in metres, rpy in radians, unless the name says otherwise.", content)
+
+
+def write_truth(path: str | Path, robot: Robot, corrections: Mapping[str, OriginCorrection], values: Mapping[str, float], command: Sequence[str], noise: Mapping[str, Any]) -> None:
+    """Write the errors of a simulated robot; the file can be applied like a calibration, which gives the true robot."""
+    content = {
+        **_provenance(robot, command),
+        "simulated": True,
+        "noise": dict(noise),
+        "joints": joint_entries(corrections),
+        "parameters": {name: {"value": float(value)} for name, value in values.items()},
+    }
+    _write(path, "The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
+
+
+def read_calibration(path: str | Path) -> StoredCalibration:
+    """Read a calibration or the truth of a simulation.
+
+    Raises:
+        CalibrationFileError: the file is not one.
+    """
+    path = Path(path)
+    try:
+        content = yaml.load(path.read_text("utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except OSError as error:
+        raise CalibrationFileError(f"cannot be read: {error.strerror or error}", path) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        raise CalibrationFileError(f"not readable as YAML: {getattr(error, 'problem', None) or error}", path, mark.line + 1 if mark else None) from None
+    if not isinstance(content, dict) or "joints" not in content:
+        raise CalibrationFileError("is no calibration: it has no entry 'joints'", path)
+    try:
+        entries = CalibrationEntries.model_validate(content)
+    except ValidationError as error:
+        found = error.errors()[0]
+        raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path) from None
+    corrections = {name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves) for name, entry in entries.joints.items()}
+    return StoredCalibration(path, corrections)
+
+
+def parameter_entries(calibration: Calibration) -> list[dict[str, Any]]:
+    """Name, value, sigma, unit, prior and whether the data decided it, for every parameter; SI."""
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
+    return [
+        {"name": parameter.name, "value": float(value), "sigma": float(sigma), "unit": parameter.unit, "determined": determined, "prior_sigma": parameter.sigma}
+        for parameter, value, sigma, determined in rows
+    ]
+
+
+def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]:
+    """Nominal origin, corrected origin and delta by joint name."""
+    return {
+        name: {
+            "moves": correction.moving,
+            "nominal": _origin(correction.nominal),
+            "corrected": _origin(correction.corrected),
+            "delta": _origin(correction.delta),
+        }
+        for name, correction in corrections.items()
+    }
+
+
+def sha256(content: bytes) -> str:
+    """Hash of some bytes, in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
+    words = [Path(command[0]).name, *command[1:]] if command else []
+    return {
+        "urdfcal": __version__,
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": shlex.join(words),
+        "robot": {"name": robot.name, "file": str(robot.description.path), "sha256": sha256(robot.description.text), "expanded_by_xacro": robot.description.expanded},
+        "rig": {"screen": robot.rig.screen, "module": robot.rig.module, "lasers": list(robot.rig.lasers)},
+    }
+
+
+def _data_entry(calibration: Calibration) -> dict[str, Any]:
+    data = calibration.data
+    entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
+    if data.source:
+        entry = {"file": data.source, "sha256": sha256(Path(data.source).read_bytes()), **entry}
+    return entry
+
+
+def _origin(placement: SE3) -> dict[str, list[float]]:
+    xyz, rpy = xyz_rpy(placement)
+    return {"xyz": [float(value) + 0.0 for value in xyz], "rpy": [float(value) + 0.0 for value in rpy]}
+
+
+def _table(table: SpotTable) -> dict[str, Any]:
+    return {laser: asdict(row) for laser, row in table.items()}
+
+
+def _same(a: SE3, b: SE3) -> bool:
+    return max(distance_mm_mrad(a, b)) < _SAME
+
+
+def _write(path: str | Path, comment: str, content: Mapping[str, Any]) -> None:
+    text = yaml.dump(dict(content), Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper), sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+    write_whole(path, f"# {comment}\n{text}".encode())

@@ -1,0 +1,215 @@
+"""Results as text and as the machine-readable dictionary of `--json`."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from urdfcal.dh import DhRow
+from urdfcal.geometry import DEG, MM
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from urdfcal.calibration import Calibration, SpotTable
+
+WIDTH = 100
+
+
+def text_report(calibration: Calibration) -> str:
+    """The whole result as text."""
+    return as_text(calibration_blocks(calibration))
+
+
+def as_text(blocks: Iterable[RenderableType]) -> str:
+    """Rich blocks as plain text."""
+    from rich.console import Console
+
+    stream = io.StringIO()
+    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False)
+    for block in blocks:
+        console.print(block, soft_wrap=isinstance(block, str))
+    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def calibration_blocks(calibration: Calibration) -> list[RenderableType]:
+    """Headline, spot table, parameters, and what the data did not decide."""
+    tables = [("fit", calibration.before, calibration.after)]
+    if calibration.test:
+        tables.append(("test", *calibration.test))
+    return [_headline(calibration), "", spot_table_block(tables), "", parameter_table(calibration), *_undecided(calibration), *_carried(calibration.errors.carried)]
+
+
+def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]]) -> RenderableType:
+    """Distance between measured and predicted spot per laser, before and after."""
+    table = figures_table("poses", "laser")
+    rows = list(tables)
+    both = any(after is not None for _, _, after in rows)
+    phases = ("before", "after") if both else ("",)
+    for name in ("spots", *(f"{figure}\n{phase}".strip() for phase in phases for figure in ("mean", "std", "max"))):
+        table.add_column(name, justify="right")
+    for label, before, after in rows:
+        for laser, row in before.items():
+            figures = [row.mean_mm, row.std_mm, row.max_mm]
+            figures += [after[laser].mean_mm, after[laser].std_mm, after[laser].max_mm] if after is not None else []
+            table.add_row(label, laser, str(row.n), *(_mm(figure) for figure in figures))
+    return titled("Distance from measured to predicted spot, in mm", table)
+
+
+def parameter_table(calibration: Calibration) -> RenderableType:
+    """Value and sigma of every parameter, or that the data did not determine it."""
+    table = figures_table("parameter")
+    table.add_column("value ± sigma", justify="right")
+    table.add_column("unit")
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
+    for parameter, value, sigma, determined in rows:
+        unit, size = _display(parameter.unit)
+        table.add_row(parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else "")
+    return titled("Estimated errors", table)
+
+
+def value_and_sigma(value: float, sigma: float) -> str:
+    """`+0.9987 ± 0.0210`: the sigma with three digits that count, the value as far."""
+    if not (math.isfinite(sigma) and sigma > 0):
+        return f"{value:+.6g}"
+    digits = min(max(2 - math.floor(math.log10(sigma)), 0), 9)
+    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+
+
+def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
+    """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
+    rows = list(rows)
+    tilts = any(row.beta for row in rows) or any(row.beta for row in corrected or ())
+    slides = any(abs(row.slide) > 1e-9 for row in rows)
+    names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
+    table = figures_table("joint")
+    for name in names:
+        table.add_column(name, justify="right")
+    for line, row in enumerate(rows):
+        last = line == len(rows) - 1
+        cells = _dh_cells(row, tilts, slides and last)
+        table.add_row(row.name, *cells, *([""] if slides and not last else []))
+    if corrected is not None:
+        table.add_section()
+        for row in corrected:
+            cells = _dh_cells(row, tilts, False)
+            table.add_row(f"{row.name} (corrected)", *cells, *([""] if slides else []))
+    form = f"Trans(x,a) Trans(z,d) Rot(x,alpha) {'Rot(y,beta) ' if tilts else ''}Rot(z,theta)"
+    return titled(f"D-H table at q = 0: {form}", table)
+
+
+def dh_json(rows: Iterable[DhRow]) -> list[dict[str, Any]]:
+    """The D-H table in metres and radians."""
+    names = ("name", "a", "d", "alpha", "beta", "theta", "slide")
+    return [{name: getattr(row, name) for name in names} for row in rows]
+
+
+def carried_lines(carried: Mapping[str, str]) -> list[str]:
+    """`carried by the screen: joint1.d_a, joint1.d_alpha`, a line a carrier."""
+    by_carrier: dict[str, list[str]] = {}
+    for name, carrier in carried.items():
+        by_carrier.setdefault(carrier, []).append(name)
+    return [f"carried by {carrier}: {', '.join(names)}" for carrier, names in by_carrier.items()]
+
+
+def calibration_json(calibration: Calibration) -> dict[str, Any]:
+    """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
+    from urdfcal.calibration_file import parameter_entries
+
+    noise = calibration.estimate.noise
+    return {
+        "converged": calibration.converged,
+        "stop": calibration.stop_reason,
+        "rejected": calibration.rejection or None,
+        "iterations": len(calibration.estimate.history) - 1,
+        "rank": calibration.identifiability.rank,
+        "estimator": calibration.estimator,
+        "spot_sigma_mm": noise.spot_sigma / MM,
+        "spot_sigma_stated": noise.stated,
+        "chi_squared_per_degree_of_freedom": calibration.chi_squared,
+        "parameters": parameter_entries(calibration),
+        "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
+        "carried": dict(calibration.errors.carried),
+        "before": table_json(calibration.before),
+        "after": table_json(calibration.after),
+        "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
+        "warnings": list(calibration.warnings),
+    }
+
+
+def table_json(table: SpotTable) -> dict[str, Any]:
+    """A spot table for machines."""
+    return {laser: asdict(row) for laser, row in table.items()}
+
+
+def _headline(calibration: Calibration) -> str:
+    data, noise = calibration.data, calibration.estimate.noise
+    sweeps = len(calibration.estimate.history) - 1
+    verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
+    kind = "stated" if noise.stated else "estimated from the residual"
+    return (
+        f"{calibration.robot.name}: {len(calibration.errors.names)} parameters from {len(data)} poses with {int(data.seen.sum())} spots\n"
+        f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
+        f"spot noise {noise.spot_sigma / MM:.3g} mm ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom"
+    )
+
+
+def _undecided(calibration: Calibration) -> list[RenderableType]:
+    units = dict(zip(calibration.errors.names, calibration.errors.units, strict=True))
+    lines = []
+    for combination in calibration.identifiability.combinations:
+        if combination.determined and len(combination.terms) > 1:
+            unit, size = _display_of({units[name] for name in combination.terms})
+            lines.append(f"  only {combination.words()} = {value_and_sigma(combination.value / size, combination.sigma / size)} {unit}")
+    return ["", "Determined as sums alone:", *lines] if lines else []
+
+
+def _carried(carried: Mapping[str, str]) -> list[RenderableType]:
+    lines = [f"  {line}" for line in carried_lines(carried)]
+    return ["", "Not in the state, since no measurement could tell them from others:", *lines] if lines else []
+
+
+def _dh_cells(row: DhRow, tilts: bool, slide: bool) -> list[str]:
+    cells = [_fixed(row.a / MM), _fixed(row.d / MM), _fixed(row.alpha / DEG)]
+    cells += [_fixed(row.beta / DEG)] if tilts else []
+    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM)] if slide else [])]
+
+
+def _fixed(value: float) -> str:
+    text = f"{value:.4f}"
+    return "0.0000" if text == "-0.0000" else text
+
+
+def _mm(value: float) -> str:
+    return f"{value:.3f}" if value < 100 else f"{value:.1f}"
+
+
+def _display(unit: str) -> tuple[str, float]:
+    return ("mm", MM) if unit == "m" else ("deg", DEG)
+
+
+def _display_of(units: set[str]) -> tuple[str, float]:
+    return _display(units.pop()) if len(units) == 1 else ("(m and rad)", 1.0)
+
+
+def figures_table(*labels: str) -> Table:
+    """An empty table of ours with its first, left-aligned columns."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for label in labels:
+        table.add_column(label)
+    return table
+
+
+def titled(title: str, table: Table) -> RenderableType:
+    """A table under its title."""
+    from rich.console import Group
+    from rich.text import Text
+
+    return Group(Text(title), Text(""), table)

@@ -1,0 +1,60 @@
+"""The errors of a simulated robot: drawn at random, or read from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from urdfcal.error_model import ErrorModel
+from urdfcal.errors import InputError, UsageError
+from urdfcal.gauge import ModelOptions, build_error_model, parse_prior
+from urdfcal.geometry import Vector
+from urdfcal.robot import Robot
+from urdfcal.simulation import random_truth, stated_truth
+
+
+def truth_of(robot: Robot, errors: str, rng: np.random.Generator) -> tuple[ErrorModel, Vector]:
+    """Errors as the command line states them: `2mm,0.2deg` for random ones, or a YAML file.
+
+    The file names parameters of one error model, in metres and radians:
+
+        error_model: dh
+        parameters: {joint1.d_a: 0.01, joint1.d_theta: 0.0175}
+
+    Raises:
+        UsageError: neither a pair of scales nor a file, or an unknown parameter.
+        InputError: the file cannot be read.
+    """
+    if errors.endswith((".yaml", ".yml")):
+        return _from_file(robot, Path(errors))
+    if errors.strip() == "none":
+        return random_truth(robot, rng, 0.0, 0.0)
+    if errors.strip() == "flat":
+        raise UsageError("--errors flat: expected a length and an angle such as 2mm,0.2deg, none, or a YAML file")
+    scale = parse_prior(errors)
+    return random_truth(robot, rng, scale.translation, scale.rotation)
+
+
+def _from_file(robot: Robot, path: Path) -> tuple[ErrorModel, Vector]:
+    try:
+        content = yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise InputError(f"not readable as YAML: {' '.join(str(error).split())}", path) from None
+    if not isinstance(content, dict) or not isinstance(content.get("parameters"), dict):
+        raise InputError("expected entries error_model and parameters, e.g. parameters: {joint1.d_a: 0.01}", path)
+    values = {str(name): _number(path, name, value) for name, value in content["parameters"].items()}
+    model = build_error_model(robot.chain, robot.rig, ModelOptions(error_model=str(content.get("error_model", "dh"))))
+    return model, stated_truth(model, values)
+
+
+def _number(path: Path, name: Any, value: Any) -> float:
+    if isinstance(value, dict):  # the file that simulate wrote
+        value = value.get("value")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(f"parameter '{name}': found {value!r}, expected a number in m or rad", path)
+    return float(value)
