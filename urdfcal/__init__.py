@@ -1,9 +1,9 @@
 """urdfcal: the real geometry of a robot arm, from measurements, back into its URDF.
 
-    robot = urdfcal.load_robot("arm7.urdf.xacro")
-    data = urdfcal.read_measurements("measurements.csv", robot)
-    calibration = urdfcal.fit(robot, data)
-    model = calibration.apply_to(robot.model)
+robot = urdfcal.load_robot("arm7.urdf.xacro")
+data = urdfcal.read_measurements("measurements.csv", robot)
+calibration = urdfcal.fit(robot, data)
+model = calibration.apply_to(robot.model)
 """
 
 from __future__ import annotations
@@ -41,7 +41,24 @@ _HOME = {
 }
 _OTHER_NAMES = {"load_calibration": "read_calibration"}
 
-__all__ = ["__version__", *_HOME]
+__all__ = [
+    "__version__",
+    "Calibration",
+    "FitRejected",
+    "InputError",
+    "Measurements",
+    "ModelOptions",
+    "Robot",
+    "StoredCalibration",
+    "UrdfcalError",
+    "evaluate",
+    "fit",
+    "load_calibration",
+    "load_robot",
+    "measurements_from",
+    "read_measurements",
+    "write_measurements",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -292,14 +292,14 @@ def laid_over(
 def _run(
     estimator: str, schedule: str, model: SpotModel, prior: Belief, noise: Noise, tolerance: float | None, max_sweeps: int | None, q: float, r: float
 ) -> Estimate:
-    wanted = {} if tolerance is None else {"tolerance": tolerance}
+    wanted: dict[str, Any] = {"max_sweeps": max_sweeps} if tolerance is None else {"max_sweeps": max_sweeps, "tolerance": tolerance}
     if estimator == "lse":
         from urdfcal.least_squares import levenberg_marquardt
 
-        return levenberg_marquardt(model.linearise, prior, noise, max_sweeps=max_sweeps, **wanted)
+        return levenberg_marquardt(model.linearise, prior, noise, **wanted)
     if schedule == "paper":
-        return paper_schedule(model.linearise, prior, noise, q=q, r=r, max_sweeps=max_sweeps, **wanted)
-    return iterated_schedule(model.linearise, prior, noise, max_sweeps=max_sweeps, **wanted)
+        return paper_schedule(model.linearise, prior, noise, q=q, r=r, **wanted)
+    return iterated_schedule(model.linearise, prior, noise, **wanted)
 
 
 def _check(robot: Robot, data: Measurements, estimator: str, schedule: str, spot_sigma: float | None, q: float, r: float) -> None:

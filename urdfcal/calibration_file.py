@@ -6,7 +6,7 @@ import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +18,7 @@ from urdfcal import __version__
 from urdfcal.calibration import Calibration, SpotTable
 from urdfcal.corrections import OriginCorrection, corrected_model
 from urdfcal.errors import CalibrationFileError, did_you_mean
-from urdfcal.files import write_whole
+from urdfcal.files import read_yaml, write_whole
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
 
@@ -149,7 +149,14 @@ def write_calibration(path: str | Path, calibration: Calibration, command: Seque
     _write(path, "Calibration by urdfcal. xyz and values in metres, rpy in radians, unless the name says otherwise.", content)
 
 
-def write_truth(path: str | Path, robot: Robot, corrections: Mapping[str, OriginCorrection], values: Mapping[str, float], command: Sequence[str], noise: Mapping[str, Any]) -> None:
+def write_truth(
+    path: str | Path,
+    robot: Robot,
+    corrections: Mapping[str, OriginCorrection],
+    values: Mapping[str, float],
+    command: Sequence[str],
+    noise: Mapping[str, Any],
+) -> None:
     """Write the errors of a simulated robot; the file can be applied like a calibration, which gives the true robot."""
     content = {
         **_provenance(robot, command),
@@ -168,20 +175,14 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         CalibrationFileError: the file is not one.
     """
     path = Path(path)
+    file = read_yaml(path, CalibrationFileError)
+    if not isinstance(file.content, dict) or "joints" not in file.content:
+        raise CalibrationFileError("is no calibration: it has no entry 'joints'; expected a file written by urdfcal fit or simulate", path)
     try:
-        content = yaml.load(path.read_text("utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except OSError as error:
-        raise CalibrationFileError(f"cannot be read: {error.strerror or error}", path) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        raise CalibrationFileError(f"not readable as YAML: {getattr(error, 'problem', None) or error}", path, mark.line + 1 if mark else None) from None
-    if not isinstance(content, dict) or "joints" not in content:
-        raise CalibrationFileError("is no calibration: it has no entry 'joints'", path)
-    try:
-        entries = CalibrationEntries.model_validate(content)
+        entries = CalibrationEntries.model_validate(file.content)
     except ValidationError as error:
         found = error.errors()[0]
-        raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path) from None
+        raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path, file.line(found["loc"])) from None
     corrections = {name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves) for name, entry in entries.joints.items()}
     return StoredCalibration(path, corrections)
 
@@ -217,9 +218,14 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
     words = [Path(command[0]).name, *command[1:]] if command else []
     return {
         "urdfcal": __version__,
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": shlex.join(words),
-        "robot": {"name": robot.name, "file": str(robot.description.path), "sha256": sha256(robot.description.text), "expanded_by_xacro": robot.description.expanded},
+        "robot": {
+            "name": robot.name,
+            "file": str(robot.description.path),
+            "sha256": sha256(robot.description.text),
+            "expanded_by_xacro": robot.description.expanded,
+        },
         "rig": {"screen": robot.rig.screen, "module": robot.rig.module, "lasers": list(robot.rig.lasers)},
     }
 
@@ -228,7 +234,7 @@ def _data_entry(calibration: Calibration) -> dict[str, Any]:
     data = calibration.data
     entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
     if data.source:
-        entry = {"file": data.source, "sha256": sha256(Path(data.source).read_bytes()), **entry}
+        entry = {"file": data.source, "sha256": data.sha256, **entry}
     return entry
 
 
@@ -246,5 +252,6 @@ def _same(a: SE3, b: SE3) -> bool:
 
 
 def _write(path: str | Path, comment: str, content: Mapping[str, Any]) -> None:
-    text = yaml.dump(dict(content), Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper), sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text = yaml.dump(dict(content), Dumper=dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
     write_whole(path, f"# {comment}\n{text}".encode())

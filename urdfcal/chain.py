@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.errors import RigError
-from urdfcal.geometry import X, Y, Z, Matrix, Vector
+from urdfcal.geometry import Matrix, Vector, X, Y, Z
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint, UrdfTree
 

@@ -16,10 +16,7 @@ from urdfcal.errors import FitRejected, UrdfcalError, UsageError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from urdfcal.calibration import Calibration
     from urdfcal.error_model import Kind, PriorScale
-    from urdfcal.gauge import ModelOptions
-    from urdfcal.measurements import Measurements
     from urdfcal.rig_file import RigFile
     from urdfcal.robot import Robot
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import re
 import threading
 import xml.dom.minidom
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-from urdfcal.errors import RobotError
+from urdfcal.errors import RobotError, did_you_mean
 from urdfcal.packages import find_package, resolve_uri
 
 _XACRO_LOCK = threading.Lock()  # xacro keeps its state in module globals
@@ -53,12 +54,12 @@ def read_description(
     A xacro file is code: its `${...}` and `$(eval ...)` run Python.
 
     Args:
-        path: URDF or xacro; taken as xacro by its name (`.xacro`) or by a `<xacro:` tag in it.
+        path: URDF or xacro; taken as xacro by its name (`.xacro`) or by a `<xacro:...>` tag in it.
         xacro_args: Values of `<xacro:arg>`.
         package_dirs: Folders in which `$(find pkg)` looks first.
 
     Raises:
-        RobotError: the file cannot be read or expanded, or declares entities.
+        RobotError: the file cannot be read or expanded, declares entities, or knows nothing of a xacro argument.
     """
     path = Path(path)
     folders = tuple(Path(folder) for folder in package_dirs)
@@ -66,27 +67,31 @@ def read_description(
         if not folder.is_dir():
             raise RobotError(f"--package-dir {folder}: no such folder")
     text = _read_bytes(path)
-    refuse_entities(text, path)
-    if path.suffix.lower() != ".xacro" and b"<xacro:" not in text:
+    tags = refuse_entities(text, path)
+    if path.suffix.lower() != ".xacro" and not any(tag.startswith("xacro:") for tag in tags):
         if xacro_args:
             raise RobotError(f"is a plain URDF and takes no xacro argument ({', '.join(xacro_args)})", path)
+        if text[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in text[:64]:
+            raise RobotError("is in UTF-16 or UTF-32, whose bytes cannot be kept; save it as UTF-8", path)
         return Description(path, text, expanded=False, package_dirs=folders)
     return Description(path, _expand(path, xacro_args or {}, folders), expanded=True, package_dirs=folders)
 
 
-def refuse_entities(text: bytes, path: str | Path) -> None:
-    """Refuse entity declarations, which can pull in other files or grow without bound.
+def refuse_entities(text: bytes, path: str | Path) -> frozenset[str]:
+    """Refuse entity declarations, which can pull in other files or grow without bound; give back the tags that occur.
 
     Raises:
         RobotError: an entity is declared, or the text is not well-formed XML up to there.
     """
     parser = expat.ParserCreate()
+    tags: set[str] = set()
 
     def refuse(name: str, *_: object) -> None:
         raise RobotError(f"declares the entity '{name}'; entity declarations are refused, write the text out", path, parser.CurrentLineNumber)
 
     parser.EntityDeclHandler = refuse
     parser.UnparsedEntityDeclHandler = refuse
+    parser.StartElementHandler = lambda tag, _: tags.add(tag)
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
@@ -95,6 +100,7 @@ def refuse_entities(text: bytes, path: str | Path) -> None:
         if isinstance(error, RobotError):
             raise
         raise RobotError(f"cannot be decoded: {error}", path) from None
+    return frozenset(tags)
 
 
 def _read_bytes(path: str | Path) -> bytes:
@@ -107,22 +113,29 @@ def _read_bytes(path: str | Path) -> bytes:
 def _expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, ...]) -> bytes:
     import xacro
 
-    warnings = io.StringIO()
-    with _XACRO_LOCK, _our_look_up(package_dirs), contextlib.redirect_stderr(warnings):
+    chatter, sources = io.StringIO(), [_read_bytes(path)]
+    with _XACRO_LOCK, _our_look_up(package_dirs, sources), contextlib.redirect_stderr(chatter), contextlib.redirect_stdout(chatter):
         try:
             xacro.init_stacks(str(path))
             document = xacro.parse(None, str(path))
             xacro.process_doc(document, mappings=dict(xacro_args))
+            comment = document.createComment(re.sub("-+", "-", f" {_EXPANDED.format(path.name)} "))
+            document.insertBefore(comment, document.firstChild)
+            text: bytes = document.toprettyxml(indent="  ", encoding="utf-8")
         except RobotError:
             raise
-        except RecursionError:
-            raise RobotError("xacro: macros or includes call themselves without end", path) from None
         except Exception as error:  # xacro runs the file's own Python: anything can come out of it
             raise RobotError(f"xacro: {_cause(error)}{_included(xacro.filestack, path)}", path) from None
-    comment = document.createComment(f" {_EXPANDED.format(path.name)} ".replace("--", "-"))
-    document.insertBefore(comment, document.firstChild)
-    text: bytes = document.toprettyxml(indent="  ", encoding="utf-8")
+    _refuse_unknown_arguments(path, xacro_args, b"".join(sources))
     return text
+
+
+def _refuse_unknown_arguments(path: Path, xacro_args: Mapping[str, str], sources: bytes) -> None:
+    """Refuse what xacro passes over: an argument that no file mentions, probably misspelt."""
+    declared = [name.decode(errors="replace") for name in re.findall(rb"""<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)""", sources)]
+    for name in xacro_args:
+        if name.encode() not in sources:
+            raise RobotError(f"takes no xacro argument '{name}'{did_you_mean(name, declared)}", path)
 
 
 def _cause(error: BaseException) -> str:
@@ -131,6 +144,8 @@ def _cause(error: BaseException) -> str:
     while isinstance(inner := getattr(chain[-1], "exc", None), BaseException):
         chain.append(inner)
     ours = [str(link) for link in chain if isinstance(link, RobotError)]
+    if not ours and isinstance(chain[-1], RecursionError):
+        return "macros, properties or includes call themselves without end"
     return next((text for text in [*ours, *map(str, chain)] if text), type(error).__name__)
 
 
@@ -140,12 +155,13 @@ def _included(filestack: list[str | None] | None, path: Path) -> str:
 
 
 @contextlib.contextmanager
-def _our_look_up(package_dirs: tuple[Path, ...]) -> Iterator[None]:
-    """Give xacro our package look-up (its own needs a ROS installation) and our refusal of entities."""
+def _our_look_up(package_dirs: tuple[Path, ...], sources: list[bytes]) -> Iterator[None]:
+    """Give xacro our package look-up (its own needs a ROS installation) and our refusal of entities; collect what it reads."""
     import xacro
     import xacro.substitution_args
 
-    absolute, parse, find = xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find
+    substitution = xacro.substitution_args
+    absolute, parse, find, evaluated_find = xacro.abs_filename_spec, xacro.parse, substitution._eval_find, substitution._eval_dict["find"]
 
     def safe_parse(inp: object, filename: str | None = None) -> object:
         if inp is not None or filename is None:
@@ -154,14 +170,17 @@ def _our_look_up(package_dirs: tuple[Path, ...]) -> Iterator[None]:
             text = Path(filename).read_bytes()
         except OSError as error:
             xacro.filestack.pop()
-            raise xacro.XacroException(f"{filename}: {error.strerror or error}", exc=error) from None
+            missing = OSError(f"the included file {filename} cannot be read: {error.strerror or error}")
+            raise xacro.XacroException(exc=missing) from None
         refuse_entities(text, filename)
+        sources.append(text)
         return xml.dom.minidom.parseString(text)
 
     xacro.abs_filename_spec = lambda spec: absolute(resolve_uri(spec, package_dirs))
     xacro.parse = safe_parse
-    xacro.substitution_args._eval_find = lambda name: str(find_package(name, package_dirs))
+    substitution._eval_find = substitution._eval_dict["find"] = lambda name: str(find_package(name, package_dirs))
     try:
         yield
     finally:
-        xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find = absolute, parse, find
+        xacro.abs_filename_spec, xacro.parse = absolute, parse
+        substitution._eval_find, substitution._eval_dict["find"] = find, evaluated_find

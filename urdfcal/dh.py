@@ -96,16 +96,18 @@ def dh_table(chain: Chain, hayati: bool = False) -> list[DhRow]:
 
 def _branch_rows(chain: Chain, branch: list[UrdfJoint], hayati: bool) -> list[DhRow]:
     axes, names = _axes_at_zero(chain, branch)
+    turning = sum(joint.moves and not joint.prismatic for joint in branch)
+    tilted = [hayati] * turning + [True] * (len(names) - turning)  # a module nearly parallel to the last axis has no useful normal either
     normals: list[_Normal] = []
-    for index in range(1, len(axes)):
-        normal = _normal(axes[index - 1], axes[index], hayati)
+    for index, tilts in enumerate(tilted):
+        normal = _normal(axes[index], axes[index + 1], tilts)
         normals.append(normal)
-        axes[index] = replace(axes[index], point=normal.foot)
+        axes[index + 1] = replace(axes[index + 1], point=normal.foot)
     rows = []
     for index, normal in enumerate(normals):
         x_after = normals[index + 1].x if index + 1 < len(normals) else axes[-1].frame.rotation[:, 0]
-        rows.append(_row(names[index], axes[index], axes[index + 1], normal, x_after, hayati))
-    return rows
+        rows.append(_row(names[index], axes[index], axes[index + 1], normal, x_after, tilted[index]))
+    return [replace(row, slide=0.0) for row in rows[:turning]] + rows[turning:]  # a joint's D-H origin is the foot of its normal
 
 
 def _axes_at_zero(chain: Chain, branch: list[UrdfJoint]) -> tuple[list[_Axis], list[str]]:
@@ -182,5 +184,5 @@ def _row(name: str, before: _Axis, after: _Axis, normal: _Normal, x_after: Vecto
     }
     to_frame: Matrix = after.frame.inverse().action
     screws = {key: to_frame @ screw for key, screw in in_world.items()}
-    numbers = (float(value) + 0.0 for value in (a, d, alpha, beta, theta, slide))  # + 0.0: no "-0.0" in the table
-    return DhRow(name, *numbers, parallel=parallel, behind_slide=after.behind_slide, screws=screws)
+    a, d, alpha, beta, theta, slide = (float(value) + 0.0 for value in (a, d, alpha, beta, theta, slide))  # + 0.0: no "-0.0" in the table
+    return DhRow(name, a, d, alpha, beta, theta, slide, parallel, after.behind_slide, screws)

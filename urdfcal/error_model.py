@@ -18,7 +18,7 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.dh import DhRow, dh_table
 from urdfcal.errors import RigError, ShapeMismatch, UsageError, did_you_mean
-from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, product, rotation_screw, six_screws, translation_screw
+from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, X, Z, exponentials, product, rotation_screw, six_screws, translation_screw
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint
 
@@ -168,7 +168,7 @@ class ErrorModel:
         return tuple(of_laser[parameter.name.rsplit(".", 1)[0]] if parameter.kind == "beam" else -1 for parameter in self.parameters)
 
     def check(self, x: Vector) -> Vector:
-        """x as an array of floats, if it fits.
+        """X as an array of floats, if it fits.
 
         Raises:
             ShapeMismatch: x has not one number a parameter.
@@ -345,10 +345,16 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     slots: list[Slot] = [_screen_slot(chain, rig)]
     for step in chain.moving:
         slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
-    names = PAPER_MOUNT if model == "dh" else SIX
-    screws = six_screws()[:, [SIX.index(name) for name in names]]
+    names, screws = (PAPER_MOUNT, _paper_mount(chain)) if model == "dh" else (SIX, six_screws())
     slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
     return tuple(slots)
+
+
+def _paper_mount(chain: Chain) -> Matrix:
+    """The paper's five, (6, 5): as in (2) the translations run along x and z of the last joint's frame, the rotations are the module's own."""
+    module = ErrorModel(chain, (), ()).placements(np.empty(0)).module
+    along = [translation_screw(module.rotation.T @ direction) for direction in (X, Z)]
+    return np.column_stack([*along, six_screws()[:, 3:]])
 
 
 def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:

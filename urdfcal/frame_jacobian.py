@@ -77,13 +77,13 @@ class ArmKinematics:
             self.model.jointPlacements[joint] = placement
 
     def frames(self, positions: Matrix) -> Array3:
-        """Frames of all joints on the screen, (n, 3, 4 joints): columns x, y, z, p of the screen, then of each joint."""
+        """Frames of all joints on the screen, (3, n, 4 joints): columns x, y, z, p of the screen, then of each joint."""
         columns = np.empty((len(positions), self.joints, 4, 3))
         view, model, data = self._data_view, self.model, self.data
         for pose, q in zip(columns, positions, strict=True):
             pin.forwardKinematics(model, data, q)
             pose[:] = view
-        return np.ascontiguousarray(columns.transpose(0, 3, 1, 2)).reshape(len(positions), 3, 4 * self.joints)
+        return np.ascontiguousarray(columns.transpose(3, 0, 1, 2)).reshape(3, len(positions), 4 * self.joints)
 
     @cached_property
     def _data_view(self) -> Array3:
@@ -123,16 +123,16 @@ def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, joints:
     """Sources, directions and twists at chain positions (n, moving), with the chain's constants given; joint twists on request."""
     arm.place(placed.joints)
     frames = arm.frames(positions)
-    n, lasers, parameters = len(frames), len(placed.lasers), placed.screws.shape[1]
-    beams = (frames.reshape(3 * n, -1)[:, -4:] @ _beam_columns(placed)).reshape(n, 3, 2, lasers)
+    n, lasers, parameters = len(positions), len(placed.lasers), placed.screws.shape[1]
+    beams = (frames[:, :, -4:] @ _beam_columns(placed)).reshape(3, n, 2, lasers)
     anchors, screws, coupling = placed.anchors, placed.screws, np.empty((0, 0))
     if joints:
         anchors = np.concatenate([anchors, np.arange(1, arm.joints)])
         screws, coupling = np.hstack([screws, arm.axis_screws]), arm.chain.coupling.T
-    twists = _twists(frames, anchors, screws)
+    twists = _twists(frames, anchors, screws).transpose(1, 0, 2)
     return LaserMotion(
-        source=beams[:, :, 0].transpose(0, 2, 1),
-        direction=beams[:, :, 1].transpose(0, 2, 1),
+        source=beams[:, :, 0].transpose(1, 2, 0),
+        direction=beams[:, :, 1].transpose(1, 2, 0),
         jac1=twists[:, :, :parameters],
         joint_jacobian=twists[:, :, parameters:] @ coupling,
     )
@@ -146,21 +146,19 @@ def _beam_columns(placed: Placements) -> Matrix:
 
 
 def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
-    """Twists [R v + p x R w, R w] of constant screws in the frames that they are anchored to, (n, 6, columns)."""
-    n, _, width = frames.shape
+    """Twists [R v + p x R w, R w] of constant screws in the frames that they are anchored to, (6, n, columns)."""
+    _, n, width = frames.shape
     flat, pick = frames.reshape(3 * n, width), np.arange(screws.shape[1])
 
     def rows(frame_columns: int | slice, values: Matrix | float) -> Array3:
         basis = np.zeros((width // 4, 4, len(pick)))
         basis[anchors, frame_columns, pick] = values
-        return (flat @ basis.reshape(width, -1)).reshape(n, 3, -1)
+        return (flat @ basis.reshape(width, -1)).reshape(3, n, -1)
 
-    v, w, p = rows(slice(0, 3), screws[:3].T), rows(slice(0, 3), screws[3:].T), rows(3, 1.0)
-    twists = np.empty((n, 6, len(pick)))
+    twists = np.empty((6, n, len(pick)))
+    twists[:3], w, p = rows(slice(0, 3), screws[:3].T), rows(slice(0, 3), screws[3:].T), rows(3, 1.0)
     for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        row = twists[:, axis]
-        np.multiply(p[:, i], w[:, j], out=row)
-        row -= p[:, j] * w[:, i]
-        row += v[:, axis]
-    twists[:, 3:] = w
+        twists[axis] += p[i] * w[j]
+        twists[axis] -= p[j] * w[i]
+    twists[3:] = w
     return twists

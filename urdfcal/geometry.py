@@ -67,24 +67,3 @@ def distance_mm_mrad(a: SE3, b: SE3) -> tuple[float, float]:
     difference = a.actInv(b)
     angle = np.linalg.norm(pin.log3(difference.rotation))
     return float(np.linalg.norm(difference.translation) / MM), float(angle * 1e3)
-
-
-def shift_covectors(covectors: Array3, points: Array3) -> Array3:
-    """Move rows that act on a twist taken at `points` to rows that act on the twist taken at the origin.
-
-    The velocity at p of a body with twist [v, w] at the origin is v + w x p, so the angular part of a row gains p x (linear part).
-
-    Args:
-        covectors: (..., 6).
-        points: (..., 3), broadcast against the rows.
-
-    Returns:
-        (..., 6).
-    """
-    shifted = covectors.copy()
-    fx, fy, fz = covectors[..., 0], covectors[..., 1], covectors[..., 2]
-    px, py, pz = points[..., 0], points[..., 1], points[..., 2]
-    shifted[..., 3] += py * fz - pz * fy
-    shifted[..., 4] += pz * fx - px * fz
-    shifted[..., 5] += px * fy - py * fx
-    return shifted

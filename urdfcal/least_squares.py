@@ -1,6 +1,6 @@
 """Plain least squares by SciPy's Levenberg-Marquardt with the analytic Jacobian; the prior enters as extra residuals.
 
-    minimise |W (m - h(x))|^2 + (x - x0)' P0^-1 (x - x0)
+minimise |W (m - h(x))|^2 + (x - x0)' P0^-1 (x - x0)
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import hashlib
+import io
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,8 +26,7 @@ Mask = npt.NDArray[np.bool_]
 
 _LENGTHS = {"m": 1.0, "mm": MM}
 _ANGLES = {"rad": 1.0, "deg": DEG}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
-_HEADER = re.compile(r"(?P<name>.*?)\s*(?:\[\s*(?P<unit>[^\]]*?)\s*\])?$")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
 
 
@@ -43,6 +44,7 @@ class Measurements:
         sets: `fit` or `test`, (n,).
         sessions: Session of each pose, (n,); the empty string where there is only one.
         source: Where the measurements come from, for messages.
+        sha256: Hash of that file; the empty string where there is none.
         lines: Line of each pose in the file, (n,); 0 where there is none.
         warnings: What was odd but could be read.
     """
@@ -56,6 +58,7 @@ class Measurements:
     sets: Labels
     sessions: Labels
     source: str = ""
+    sha256: str = ""
     lines: npt.NDArray[np.int_] | None = None
     warnings: tuple[str, ...] = ()
 
@@ -76,6 +79,10 @@ class Measurements:
             raise ShapeMismatch("measurements: joint positions must be finite")
         if (np.isnan(self.spots[..., 0]) != np.isnan(self.spots[..., 1])).any() or np.isinf(self.spots).any():
             raise ShapeMismatch("measurements: a spot is two finite numbers, or two nan where it was not seen")
+        if (self.sigma <= 0).any() or np.isinf(self.sigma).any():
+            raise ShapeMismatch("measurements: a stated standard deviation is finite and above zero, or nan where nothing is stated")
+        if not np.isin(self.sets, ("fit", "test")).all():
+            raise ShapeMismatch("measurements: each pose belongs to the set 'fit' or 'test'")
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -164,12 +171,20 @@ def write_measurements(path: str | Path, data: Measurements, comments: Iterable[
     header += [f"{data.lasers[index]}.sigma" for index in stated]
     marks = {"set": data.sets} if (data.sets == "test").any() else {}
     marks |= {"session": data.sessions} if (data.sessions != "").any() else {}
-    lines = [f"# {comment}" for comment in comments] + [",".join(header + list(marks))]
+    text = io.StringIO()
+    text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([*header, *marks])
     numbers = np.hstack([data.q, data.spots.reshape(len(data), -1), data.sigma[:, stated]])
     for pose, row in enumerate(numbers):
         cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
-        lines.append(",".join([str(data.poses[pose]), *cells, *(str(mark[pose]) for mark in marks.values())]))
-    write_whole(path, ("\n".join(lines) + "\n").encode())
+        table.writerow([_label(data.poses[pose]), *cells, *(_label(mark[pose]) for mark in marks.values())])
+    write_whole(path, text.getvalue().encode())
+
+
+def _label(text: str) -> str:
+    """A label in one cell; a # at the front of a row would make a comment of it."""
+    return " ".join(str(text).split()).lstrip("# ")
 
 
 class _Reader:
@@ -186,9 +201,10 @@ class _Reader:
 
     def read(self) -> Measurements:
         rows = self.rows()
-        header_line, header = next(rows, (None, []))
-        if header_line is None:
+        first = next(rows, None)
+        if first is None:
             raise self.fail(None, "", "the file has no header line; expected the joint names and <laser>.y, <laser>.z")
+        header_line, header = first
         self.parse_header(header_line, header)
         table = [(line, self.full_row(line, row)) for line, row in rows]
         if not table:
@@ -199,16 +215,17 @@ class _Reader:
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         try:
-            text = self.path.read_bytes().decode("utf-8-sig")
+            content = self.path.read_bytes()
+            self.sha256 = hashlib.sha256(content).hexdigest()
+            text = content.decode("utf-8-sig")
         except OSError as error:
             raise self.fail(None, "", f"cannot be read: {error.strerror or error}") from None
         except UnicodeDecodeError as error:
-            line = error.object[: error.start].count(b"\n") + 1
-            raise self.fail(line, "", "is not UTF-8 text; save it as CSV in UTF-8") from None
+            raise self.fail(error.object[: error.start].count(b"\n") + 1, "", "is not UTF-8 text; save it as CSV in UTF-8") from None
         lines = re.split(r"\r\n|\n|\r", text)
         kept = [(number, line) for number, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
         first = kept[0][1] if kept else ""
-        self.separator = next((mark for mark in ";\t" if mark in first), ",")
+        self.separator = max(";\t,", key=first.count)
         for number, line in kept:
             try:
                 cells = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
@@ -222,14 +239,15 @@ class _Reader:
         self.index: dict[str, int] = {}
         self.units: dict[str, str] = {}
         for position, cell in enumerate(header):
-            match = _HEADER.match(cell)
-            name, unit = (match["name"], match["unit"]) if match else (cell, None)
+            name, mark, unit = (word.strip() for word in (cell[:-1] if cell.endswith("]") else cell).partition("["))
+            if mark and not cell.endswith("]"):
+                raise self.fail(line, cell, "the unit has no closing bracket, expected for example 'joint1 [deg]'")
             if not name:
                 raise self.fail(line, cell, f"cell {position + 1} of the header is empty, expected a name")
             if name in self.index:
                 raise self.fail(line, name, f"stands twice, in cells {self.index[name] + 1} and {position + 1}")
             self.index[name] = position
-            if unit is not None:
+            if mark:
                 self.units[name] = unit
         self.width = len(header)
         self.header_line = line
@@ -239,7 +257,7 @@ class _Reader:
         for joint in self.joints:
             if joint.name not in self.index:
                 raise self.fail(self.header_line, joint.name, f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}")
-        known = {"set", "session", "pose", *self.robot.tree.joints}
+        known = {"set", "session", "pose", *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid)}
         for laser in self.lasers:
             y, z = f"{laser}.y", f"{laser}.z"
             known |= {y, z, f"{laser}.sigma"}
@@ -253,12 +271,14 @@ class _Reader:
                 self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
         for name in self.index:
             if name not in known:
-                self.warnings.append(f"{self.path}:{self.header_line}: column '{name}' means nothing here and is not used{did_you_mean(name, known - set(self.index))}")
+                unused = sorted(known - set(self.index))
+                self.warnings.append(f"{self.path}:{self.header_line}: column '{name}' means nothing here and is not used{did_you_mean(name, unused)}")
 
     def full_row(self, line: int, row: list[str]) -> list[str]:
         extra = row[self.width :]
         if len(row) < self.width or any(extra):
-            raise self.fail(line, "", f"the row has {len(row)} cells, expected {self.width} as in the header")
+            way_out = "; a decimal comma needs ; between the cells" if len(row) > self.width and self.separator == "," else ""
+            raise self.fail(line, "", f"the row has {len(row)} cells, expected {self.width} as in the header{way_out}")
         return row
 
     def build(self, lines: list[int], columns: dict[str, list[str]]) -> Measurements:
@@ -284,6 +304,7 @@ class _Reader:
             sets=np.array(self.set_column(lines, columns.get("set", [])) or ["fit"] * n, dtype=str),
             sessions=np.array(columns.get("session", [""] * n), dtype=str),
             source=str(self.path),
+            sha256=self.sha256,
             lines=np.array(lines),
             warnings=tuple(self.warnings),
         )
@@ -301,7 +322,7 @@ class _Reader:
             text = cell.replace(",", ".") if comma and "." not in cell else cell
             if not text and empty:
                 values[row] = np.nan
-            elif _NUMBER.match(text) and math.isfinite(float(text)):
+            elif _NUMBER.fullmatch(text) and math.isfinite(float(text)):
                 values[row] = float(text)
             else:
                 found = f"'{cell}' is not a number" if not _looks_infinite(cell) else f"'{cell}' is not finite"
@@ -324,12 +345,10 @@ class _Reader:
         unit = "m" if joint.prismatic else "rad"
         limits = f"{lower:.4g} to {upper:.4g} {unit}"
         degrees = values * DEG
-        if not joint.prismatic and 2 * outside.sum() > len(values) and ((degrees >= lower - 1e-6) & (degrees <= upper + 1e-6))[outside].all():
-            raise self.fail(
-                first,
-                joint.name,
-                f"{outside.sum()} of {len(values)} cells lie outside the limits {limits} and inside them as degrees; write '{joint.name} [deg]' in the header",
-            )
+        as_degrees = outside & (degrees >= lower - 1e-6) & (degrees <= upper + 1e-6)
+        if not joint.prismatic and 2 * as_degrees.sum() > len(values):
+            found = f"{as_degrees.sum()} of {len(values)} cells lie outside the limits {limits} and inside them as degrees"
+            raise self.fail(first, joint.name, f"{found}; write '{joint.name} [deg]' in the header")
         many = f"{outside.sum()} of {len(values)} cells lie" if outside.sum() > 1 else "a cell lies"
         self.warnings.append(f"{self.path}:{first}: column '{joint.name}': {many} outside the joint's limits {limits}")
 

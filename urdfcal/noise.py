@@ -67,17 +67,16 @@ class Weights:
 
     def residual(self, here: Linearisation) -> Vector:
         """Residual in units of its standard deviation, (n m,)."""
-        if self.factor.ndim == 3:
-            return (self.factor @ here.residual[..., None]).ravel()
-        return (here.residual * self.factor).ravel()
+        return self._whitened(here.residual[..., None]).ravel()
 
     def jacobian(self, here: Linearisation) -> Matrix:
         """Jacobian of the whitened residual's prediction, (n m, p)."""
-        parameters = here.jacobian.shape[-1]
+        return self._whitened(here.jacobian).reshape(-1, here.jacobian.shape[-1])
+
+    def _whitened(self, rows: Array3) -> Array3:
         if self.factor.ndim == 3:
-            return (self.factor @ here.jacobian).reshape(-1, parameters)
-        factor = self.factor[..., None] if self.factor.ndim else self.factor
-        return (here.jacobian * factor).reshape(-1, parameters)
+            return np.asarray(self.factor @ rows)
+        return np.asarray(rows * (self.factor[..., None] if self.factor.ndim else self.factor))
 
 
 @dataclass(frozen=True)

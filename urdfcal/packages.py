@@ -21,6 +21,8 @@ def find_package(name: str, package_dirs: Sequence[str | Path] = ()) -> Path:
     Raises:
         RobotError: there is no such package; says where it was looked for.
     """
+    if not name or name in (".", "..") or set("/\\") & set(name):
+        raise RobotError(f"'{name}' is no name of a package; expected one such as tiago_description")
     for candidate in _candidates(name, package_dirs):
         if candidate.is_dir():
             return candidate.resolve()
@@ -51,9 +53,11 @@ def _candidates(name: str, package_dirs: Sequence[str | Path]) -> Iterator[Path]
 
 
 def _declared_below(folder: Path, name: str, depth: int) -> Iterator[Path]:
-    if depth == 0 or not folder.is_dir():
+    try:
+        entries = sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith(".")) if depth else []
+    except OSError:  # not there, or not ours to read
         return
-    for below in sorted(entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith(".")):
+    for below in entries:
         if _declared_name(below) == name:
             yield below
         else:
@@ -64,7 +68,7 @@ def _declared_name(folder: Path) -> str | None:
     """The name in a folder's package.xml; None where there is none that can be read."""
     try:
         text = ElementTree.parse(folder / "package.xml").findtext("name")
-    except (OSError, ElementTree.ParseError):
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):
         return None
     return text.strip() if text else None
 

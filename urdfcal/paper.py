@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.calibration import fit
-from urdfcal.error_model import FLAT, ErrorModel, PriorScale
+from urdfcal.error_model import FLAT, ErrorModel, Kind, PriorScale
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
-from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.robot import Robot
 from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, joint_limits, simulate, true_spots
 from urdfcal.spot_model import SpotModel
@@ -31,7 +31,7 @@ TRUTH = {"m": 10 * MM, "rad": 1 * DEG}
 SCREEN_SIZE = 1.5  # [m]; the published errors leave every spot on a screen of about this size
 PROTOCOLS = {"one reading": 1, "mean of 100": 100}
 ESTIMATORS = ("LSE", "EKF", "EKF, noise stated")
-FLAT_PRIOR = {"joint": PriorScale(FLAT, FLAT), "mount": PriorScale(FLAT, FLAT)}
+FLAT_PRIOR: dict[Kind, PriorScale] = {"joint": PriorScale(FLAT, FLAT), "mount": PriorScale(FLAT, FLAT)}
 
 Figures = tuple[float, float, float]  # mean, std, max [mm]
 
@@ -124,7 +124,7 @@ def paper_poses(robot: Robot, errors: ErrorModel, truth: Vector, rng: np.random.
     return np.vstack([draw_poses(robot, errors, truth, HALF, rng, area=area, limits=limits) for limits in (near, whole)])
 
 
-def cases() -> Iterator[tuple[int, str, Vector]]:
+def cases() -> Iterator[tuple[int, str, Mask]]:
     """Case, set, and the poses that belong to it."""
     number = np.arange(2 * HALF)
     near, first_half = number < HALF, number % HALF < HALF // 2
@@ -173,7 +173,7 @@ def _estimated(robot: Robot, data: Measurements, estimator: str, readings: int) 
     return fit(robot, data, error_model="dh", spot_sigma=SPOT_NOISE * uniform, joint_sigma=JOINT_NOISE * uniform).x
 
 
-def _figures(model: SpotModel, x: Vector, spots: Array3, rows: Vector) -> Matrix:
+def _figures(model: SpotModel, x: Vector, spots: Array3, rows: Mask) -> Matrix:
     """Mean, std and max distance of each laser, (lasers, 3), [mm]."""
     distance = np.linalg.norm(model.predict(x)[0] - spots, axis=-1)[rows] / MM
     return np.array([distance.mean(axis=0), distance.std(axis=0), distance.max(axis=0)]).T

@@ -82,22 +82,18 @@ def value_and_sigma(value: float, sigma: float) -> str:
 
 def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
     """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
-    rows = list(rows)
-    tilts = any(row.beta for row in rows) or any(row.beta for row in corrected or ())
-    slides = any(abs(row.slide) > 1e-9 for row in rows)
+    rows, corrected = list(rows), None if corrected is None else list(corrected)
+    tilts, slides = any(row.beta for row in rows + (corrected or [])), any(abs(row.slide) > 1e-9 for row in rows + (corrected or []))
     names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
     table = figures_table("joint")
     for name in names:
         table.add_column(name, justify="right")
-    for line, row in enumerate(rows):
-        last = line == len(rows) - 1
-        cells = _dh_cells(row, tilts, slides and last)
-        table.add_row(row.name, *cells, *([""] if slides and not last else []))
+    for row in rows:
+        table.add_row(row.name, *_dh_cells(row, tilts, slides))
     if corrected is not None:
         table.add_section()
         for row in corrected:
-            cells = _dh_cells(row, tilts, False)
-            table.add_row(f"{row.name} (corrected)", *cells, *([""] if slides else []))
+            table.add_row(f"{row.name} (corrected)", *_dh_cells(row, tilts, slides))
     form = f"Trans(x,a) Trans(z,d) Rot(x,alpha) {'Rot(y,beta) ' if tilts else ''}Rot(z,theta)"
     return titled(f"D-H table at q = 0: {form}", table)
 
@@ -173,10 +169,10 @@ def _carried(carried: Mapping[str, str]) -> list[RenderableType]:
     return ["", "Not in the state, since no measurement could tell them from others:", *lines] if lines else []
 
 
-def _dh_cells(row: DhRow, tilts: bool, slide: bool) -> list[str]:
+def _dh_cells(row: DhRow, tilts: bool, slides: bool) -> list[str]:
     cells = [_fixed(row.a / MM), _fixed(row.d / MM), _fixed(row.alpha / DEG)]
     cells += [_fixed(row.beta / DEG)] if tilts else []
-    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM)] if slide else [])]
+    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM) if row.slide else ""] if slides else [])]
 
 
 def _fixed(value: float) -> str:

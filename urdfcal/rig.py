@@ -71,7 +71,7 @@ def _common_fixed_ancestor(tree: UrdfTree, lasers: Sequence[str]) -> str:
 def _fixed_ancestors(tree: UrdfTree, link: str) -> list[str]:
     """The links above this one that are rigidly joined to it, nearest first."""
     ancestors: list[str] = []
-    while link in tree.by_child and not tree.by_child[link].moves:
+    while link in tree.by_child and tree.by_child[link].rigid:
         link = tree.by_child[link].parent
         ancestors.append(link)
     return ancestors

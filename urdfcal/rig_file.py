@@ -1,27 +1,33 @@
 """`rig.yaml`: what the user knows of his rig beyond the URDF. Narrows links, error models, noise and priors.
 
+Every entry may be missing:
+
     screen: screen                     # links, if not named as usual
     lasers: [laser_1, laser_2]
     error_model: auto
     error_models: {joint3: offset}     # single joints
+    estimate: [beams]
     noise: {spot_mm: 1.0, joint_deg: 0.05}
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
     parameters:
       joint3.d_alpha: {sigma_deg: 0.1}
       slm.trans_x: {value_mm: 2.5, sigma_mm: 0.2}
       joint*.d_a: {fixed: true}
+
+Aliases and entries that stand twice are refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from urdfcal.error_model import Kind, PriorScale
-from urdfcal.errors import RigError, UsageError
+from urdfcal.errors import RigError, did_you_mean
+from urdfcal.files import read_yaml
 from urdfcal.gauge import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.geometry import DEG, MM
 
@@ -113,32 +119,28 @@ def read_rig_file(path: str | Path) -> RigFile:
     Raises:
         RigError: naming the file, the entry, what was found and what was expected.
     """
-    try:
-        content = yaml.safe_load(Path(path).read_text("utf-8"))
-    except OSError as error:
-        raise RigError(f"cannot be read: {error.strerror or error}", path) from None
-    except UnicodeDecodeError:
-        raise RigError("is not UTF-8 text", path) from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        raise RigError(f"not readable as YAML: {getattr(error, 'problem', error)}", path, mark.line + 1 if mark else None) from None
-    except (ValueError, RecursionError) as error:  # PyYAML lets these through for odd numbers, dates and deep nesting
-        raise RigError(f"not readable as YAML: {error}", path) from None
-    if content is None:
+    file = read_yaml(path, RigError)
+    if file.content is None:
         return RigFile()
-    if not isinstance(content, dict):
-        raise RigError(f"holds a {type(content).__name__}, expected entries such as `screen: wall`", path)
+    if not isinstance(file.content, dict):
+        raise RigError(f"holds a {type(file.content).__name__}, expected entries such as `screen: wall`", path, file.line())
     try:
-        return RigFile.model_validate(content)
+        return RigFile.model_validate(file.content)
     except ValidationError as error:
-        raise RigError(_first(error), path) from None
-    except UsageError as error:
-        raise RigError(str(error), path) from None
+        found = error.errors()[0]
+        raise RigError(_in_words(found), path, file.line(found["loc"])) from None
 
 
-def _first(error: ValidationError) -> str:
-    found = error.errors()[0]
-    where = ".".join(str(step) for step in found["loc"])
+def _in_words(found: Mapping[str, Any]) -> str:
+    steps = [str(step) for step in found["loc"] if step != "[key]"]
+    if found["type"] == "extra_forbidden":
+        return f"entry '{'.'.join(steps)}' is unknown{did_you_mean(steps[-1], _entries(steps[:-1]))}"
     value = found.get("input")
     shown = f", found {value!r}" if isinstance(value, str | int | float | bool) else ""
-    return f"entry '{where}': {found['msg']}{shown}"
+    return f"entry '{'.'.join(steps)}': {found['msg'].removeprefix('Value error, ')}{shown}"
+
+
+def _entries(steps: list[str]) -> list[str]:
+    """The entries that the file may have at some place."""
+    kinds: dict[str, type[BaseModel]] = {"noise": NoiseEntry, "parameters": ParameterEntry}
+    return list(kinds.get(steps[0] if steps else "", RigFile).model_fields)

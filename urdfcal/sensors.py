@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from urdfcal.geometry import Array3, Array4, Matrix, shift_covectors
+from urdfcal.geometry import Array3, Array4, Matrix
 
 
 def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
@@ -26,29 +26,27 @@ def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
         return source[..., 1:] + length[..., None] * direction[..., 1:], length
 
 
-def spot_jacobian(source: Array3, direction: Array3) -> Array4:
-    """Jac2, equation (11): motion of the spot per twist [v, w] of its laser, in screen axes, taken at the laser.
+def spot_jacobian(spots: Array3, direction: Array3) -> Array4:
+    """Jac2: motion of the spots per twist [v, w] of their lasers' carrier, in screen axes, taken at the screen's origin.
+
+    The point of the beam that stands on the spot s moves with v + w x s; its motion along x is given back along the beam, so
+    dy = v_y - (z_y / z_x) v_x and dz = v_z - (z_z / z_x) v_x of that point. Written for the twist at the source p, with
+    s - p = k z, these are the two rows of equation (11).
+
+    Args:
+        spots: (n, lasers, 2), [m].
+        direction: (n, lasers, 3).
 
     Returns:
         (n, lasers, 2, 6); rows are y and z of the spot.
     """
-    px = source[..., 0]
-    zx, zy, zz = np.moveaxis(direction, -1, 0)
-    jac2 = np.zeros((*px.shape, 2, 6))
+    y, z = spots[..., 0], spots[..., 1]
+    jac2 = np.zeros((*y.shape, 2, 6))
     with np.errstate(divide="ignore", invalid="ignore"):
-        reach = px / zx
-        jac2[..., 0, 0] = -zy / zx
-        jac2[..., 1, 0] = -zz / zx
+        lean = direction[..., 1:] / -direction[..., :1]
+        jac2[..., 0] = lean
         jac2[..., 0, 1] = jac2[..., 1, 2] = 1.0
-        jac2[..., 0, 3] = zz * reach
-        jac2[..., 0, 4] = zz * zy * reach / zx
-        jac2[..., 0, 5] = -(1 - zz**2) * reach / zx
-        jac2[..., 1, 3] = -zy * reach
-        jac2[..., 1, 4] = (1 - zy**2) * reach / zx
-        jac2[..., 1, 5] = -zz * zy * reach / zx
+        jac2[..., 0, 3], jac2[..., 1, 3] = -z, y
+        jac2[..., 4] = z[..., None] * lean
+        jac2[..., 5] = -y[..., None] * lean
     return jac2
-
-
-def spot_jacobian_at_screen(source: Array3, direction: Array3) -> Array4:
-    """Equation (11) for the twist taken at the screen's origin, which all lasers share, (n, lasers, 2, 6)."""
-    return shift_covectors(spot_jacobian(source, direction), source[..., None, :])

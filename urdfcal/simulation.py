@@ -13,7 +13,7 @@ from urdfcal.errors import UsageError, no_such
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
-from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.robot import Robot
 from urdfcal.sensors import spots_on_screen
 from urdfcal.spot_model import SpotModel
@@ -22,6 +22,7 @@ Distribution = Literal["gaussian", "uniform"]
 _BATCH, _MOST_DRAWS = 4096, 1_000_000
 _FREE_TURN = np.pi  # how far a continuous joint is turned either way
 _LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
+_LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def random_truth(robot: Robot, rng: np.random.Generator, translation: float, rot
 
 
 def stated_truth(errors: ErrorModel, values: Mapping[str, float]) -> Vector:
-    """x with the named errors, [m] and [rad], and zero elsewhere.
+    """The state with the named errors, [m] and [rad], and zero elsewhere.
 
     Raises:
         UsageError: a name is no parameter.
@@ -89,7 +90,9 @@ def stated_truth(errors: ErrorModel, values: Mapping[str, float]) -> Vector:
     return x
 
 
-def draw_poses(robot: Robot, errors: ErrorModel, x: Vector, poses: int, rng: np.random.Generator, *, area: ScreenArea | None = None, limits: Matrix | None = None) -> Matrix:
+def draw_poses(
+    robot: Robot, errors: ErrorModel, x: Vector, poses: int, rng: np.random.Generator, *, area: ScreenArea | None = None, limits: Matrix | None = None
+) -> Matrix:
     """Random joint positions at which every beam of the robot with errors x makes a spot on the screen.
 
     Args:
@@ -129,11 +132,12 @@ def joint_limits(robot: Robot) -> Matrix:
     return np.array(pairs).T
 
 
-def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Vector:
+def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Mask:
     spots, length = spots_on_screen(source, direction)
     with np.errstate(invalid="ignore"):
         inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1)
-    return (inside & (length > 0) & (np.abs(direction[..., 0]) > _LEAST_ZX)).all(axis=1)
+    hits: Mask = (inside & (length > _LEAST_LENGTH) & (np.abs(direction[..., 0]) > _LEAST_ZX)).all(axis=1)
+    return hits
 
 
 def simulate(robot: Robot, errors: ErrorModel, x: Vector, q: Matrix, rng: np.random.Generator, noise: SimulatedNoise | None = None) -> Measurements:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
 from urdfcal.geometry import Array3, Matrix, Vector
-from urdfcal.measurements import Measurements
+from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Linearisation
-from urdfcal.sensors import spot_jacobian_at_screen, spots_on_screen
+from urdfcal.sensors import spot_jacobian, spots_on_screen
+
+Rows = slice | npt.NDArray[np.intp]
 
 
 class SpotModel:
@@ -47,8 +50,8 @@ class SpotModel:
             seen, measured = self.data.seen[rows], self.measured[rows]
             reached &= bool((lengths[seen] > 0).all() and np.isfinite(lengths[seen]).all())
             residual[rows] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
-            jacobian[rows], joint_jacobian[rows] = self._derivatives(motion, measured)
-        trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() and np.isfinite(jacobian).all() else "not_finite"
+            jacobian[rows], joint_jacobian[rows] = self._derivatives(motion, spots, measured)
+        trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() else "not_finite"
         return Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble)
 
     def unreached(self, x: Vector) -> tuple[int, int] | None:
@@ -57,27 +60,28 @@ class SpotModel:
         missing = np.argwhere(self.data.seen & ~((lengths > 0) & np.isfinite(lengths)))
         return (int(missing[0, 0]), int(missing[0, 1])) if len(missing) else None
 
-    def _derivatives(self, motion: LaserMotion, measured: Matrix) -> tuple[Array3, Array3]:
+    def _derivatives(self, motion: LaserMotion, spots: Array3, measured: Mask) -> tuple[Array3, Array3]:
         n, numbers = measured.shape
-        jac2 = spot_jacobian_at_screen(motion.source, motion.direction).reshape(n, numbers, 6)
+        jac2 = spot_jacobian(spots, motion.direction).reshape(n, numbers, 6)
         if not measured.all():
-            jac2[~measured.astype(bool)] = 0.0
+            jac2[~measured] = 0.0
         jacobian = jac2 @ motion.jac1
         if self.blind is not None:
             jacobian[:, self.blind] = 0.0
         return jacobian, jac2 @ motion.joint_jacobian
 
-    def _chunks(self, session: str) -> list[tuple[str, Array3 | slice]]:
+    def _chunks(self, session: str) -> list[tuple[str, Rows]]:
         if len(self.errors.sessions) == 1:
             return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
         rows = np.flatnonzero(self.data.sessions == session)
         return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
 
 
-def _other_lasers_rows(errors: ErrorModel) -> Array3 | None:
+def _other_lasers_rows(errors: ErrorModel) -> Mask | None:
     """Mask (numbers, p) of the derivatives that are zero because a beam's own parameters move that beam alone."""
     owner = np.array(errors.beam_lasers)
     if (owner < 0).all():
         return None
     laser_of_row = np.repeat(np.arange(len(errors.chain.laser_joints)), 2)
-    return (owner >= 0) & (owner != laser_of_row[:, None])
+    mask: Mask = (owner >= 0) & (owner != laser_of_row[:, None])
+    return mask

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from urdfcal.error_model import ErrorModel
-from urdfcal.errors import InputError, UsageError
+from urdfcal.error_model import MODELS, ErrorModel
+from urdfcal.errors import InputError, UsageError, no_such
+from urdfcal.files import YamlFile, read_yaml
 from urdfcal.gauge import ModelOptions, build_error_model, parse_prior
 from urdfcal.geometry import Vector
 from urdfcal.robot import Robot
@@ -39,22 +40,24 @@ def truth_of(robot: Robot, errors: str, rng: np.random.Generator) -> tuple[Error
 
 
 def _from_file(robot: Robot, path: Path) -> tuple[ErrorModel, Vector]:
-    try:
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"not readable as YAML: {' '.join(str(error).split())}", path) from None
+    file = read_yaml(path, InputError)
+    content = file.content
     if not isinstance(content, dict) or not isinstance(content.get("parameters"), dict):
-        raise InputError("expected entries error_model and parameters, e.g. parameters: {joint1.d_a: 0.01}", path)
-    values = {str(name): _number(path, name, value) for name, value in content["parameters"].items()}
-    model = build_error_model(robot.chain, robot.rig, ModelOptions(error_model=str(content.get("error_model", "dh"))))
+        raise InputError("expected entries error_model and parameters, e.g. parameters: {joint1.d_a: 0.01}", path, file.line())
+    values = {str(name): _number(file, name, value) for name, value in content["parameters"].items()}
+    name = str(content.get("error_model", "placement" if content.get("simulated") is True else "dh"))  # simulate writes placement errors
+    if name not in MODELS:
+        raise InputError(f"no error model '{name}'; there are: {', '.join(MODELS)}", path, file.line(["error_model"]))
+    model = build_error_model(robot.chain, robot.rig, ModelOptions(error_model=name))
+    for parameter in values:
+        if parameter not in model.names:
+            raise InputError(f"the error model {name} has {no_such('parameter', parameter, model.names)}", path, file.line(["parameters", parameter]))
     return model, stated_truth(model, values)
 
 
-def _number(path: Path, name: Any, value: Any) -> float:
+def _number(file: YamlFile, name: Any, value: Any) -> float:
     if isinstance(value, dict):  # the file that simulate wrote
         value = value.get("value")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(f"parameter '{name}': found {value!r}, expected a number in m or rad", path)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"parameter '{name}': found {value!r}, expected a number in m or rad", file.path, file.line(["parameters", name]))
     return float(value)

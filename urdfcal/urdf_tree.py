@@ -7,7 +7,9 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
+import numpy as np
 from lxml import etree
 
 from urdfcal.description import Description
@@ -15,8 +17,9 @@ from urdfcal.errors import RobotError, no_such
 from urdfcal.geometry import SE3, pose
 
 MOVING = ("revolute", "continuous", "prismatic")
+_KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,11 @@ class UrdfJoint:
         return self.type in MOVING
 
     @property
+    def rigid(self) -> bool:
+        """Whether the joint holds its child fast; one that floats neither does so nor counts as moving."""
+        return self.type == "fixed"
+
+    @property
     def prismatic(self) -> bool:
         """Whether the joint slides."""
         return self.type == "prismatic"
@@ -62,7 +70,7 @@ class UrdfJoint:
     @cached_property
     def origin(self) -> SE3:
         """Placement of the joint's frame in its parent link."""
-        return pose(self.xyz, self.rpy)  # type: ignore[arg-type]
+        return pose(np.array(self.xyz), np.array(self.rpy))
 
 
 @dataclass(frozen=True)
@@ -103,9 +111,15 @@ class UrdfTree:
 
     def moving_link(self, link: str) -> str:
         """The link nearest to the root that is rigidly joined to this one."""
-        while link in self.by_child and not self.by_child[link].moves:
+        while link in self.by_child and self.by_child[link].rigid:
             link = self.by_child[link].parent
         return link
+
+
+def _line(element: etree._Element) -> int | None:
+    """The line that an element stands on."""
+    line: Any = element.sourceline  # its type stub knows nothing of numbers
+    return None if line is None else int(line)
 
 
 def read_tree(description: Description) -> UrdfTree:
@@ -140,28 +154,38 @@ class _Reader:
             root = etree.fromstring(text, parser)
         except etree.XMLSyntaxError as error:
             raise self.fail(f"not well-formed XML: {error.msg}", error.lineno) from None
+        self.refuse_namespace(root)
         if root.tag != "robot":
-            raise self.fail(f"the document is a <{root.tag}>, expected a URDF with <robot>", root.sourceline)
+            raise self.fail(f"the document is a <{root.tag}>, expected a URDF with <robot>", _line(root))
         return root
+
+    def refuse_namespace(self, root: etree._Element) -> None:
+        """Readers of URDF disagree on what an element in a default namespace is."""
+        for element in (root, *root, *root.iterfind("joint/*")):
+            if not isinstance(element.tag, str) or not element.tag.startswith("{") or element.prefix is not None:
+                continue
+            name = etree.QName(element)
+            if name.localname in _KINEMATIC:
+                raise self.fail(f"<{name.localname}> is in the default namespace '{name.namespace}', expected none; remove xmlns=\"...\"", _line(element))
 
     def names(self, root: etree._Element, tag: str) -> tuple[str, ...]:
         seen: dict[str, int | None] = {}
         for element in root.findall(tag):
             name = self.attribute(element, "name", f"<{tag}>")
             if name in seen:
-                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}", element.sourceline)
-            seen[name] = element.sourceline
+                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}", _line(element))
+            seen[name] = _line(element)
         return tuple(seen)
 
     def attribute(self, element: etree._Element, name: str, who: str) -> str:
         value = element.get(name)
         if not value:
-            raise self.fail(f"{who} has no {name}", element.sourceline)
+            raise self.fail(f"{who} has no {name}", _line(element))
         return value
 
     def joint(self, element: etree._Element) -> UrdfJoint:
         name = element.get("name", "")
-        who, line = f"joint '{name}'", element.sourceline or 0
+        who, line = f"joint '{name}'", _line(element) or 0
         kind = self.attribute(element, "type", who)
         if kind not in _TYPES:
             raise self.fail(f"{who}: type '{kind}' is not one of {', '.join(_TYPES)}", line)
@@ -184,13 +208,13 @@ class _Reader:
     def one(self, element: etree._Element, tag: str, who: str) -> etree._Element | None:
         found = element.findall(tag)
         if len(found) > 1:
-            raise self.fail(f"{who} has {len(found)} <{tag}>, expected one", found[1].sourceline)
+            raise self.fail(f"{who} has {len(found)} <{tag}>, expected one", _line(found[1]))
         return found[0] if found else None
 
     def link_of(self, element: etree._Element, tag: str, who: str) -> str:
         found = self.one(element, tag, who)
         if found is None:
-            raise self.fail(f"{who} has no <{tag} link=...>", element.sourceline)
+            raise self.fail(f"{who} has no <{tag} link=...>", _line(element))
         return self.attribute(found, "link", f"{who}: <{tag}>")
 
     def triple(self, element: etree._Element | None, name: str, who: str, default: tuple[float, ...]) -> tuple[float, ...]:
@@ -199,11 +223,11 @@ class _Reader:
             return default
         words = text.split()
         if len(words) != 3:
-            raise self.fail(f"{who}: {name}=\"{text}\" has {len(words)} numbers, expected 3", element.sourceline)
-        return tuple(self.number(word, f"{who}: {name}=\"{text}\"", element.sourceline) for word in words)
+            raise self.fail(f"{who}: {name}=\"{text}\" has {len(words)} numbers, expected 3", _line(element))
+        return tuple(self.number(word, f"{who}: {name}=\"{text}\"", _line(element)) for word in words)
 
     def number(self, word: str, who: str, line: int | None) -> float:
-        if not _NUMBER.match(word) or not math.isfinite(float(word)):
+        if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
             raise self.fail(f"{who}: '{word}' is not a finite number", line)
         return float(word)
 
@@ -211,7 +235,7 @@ class _Reader:
         axis = self.triple(element, "xyz", who, (1.0, 0.0, 0.0))
         length = math.hypot(*axis)
         if not length > 1e-6:
-            raise self.fail(f"{who}: the axis has no length, expected a direction such as 0 0 1", None if element is None else element.sourceline)
+            raise self.fail(f"{who}: the axis has no length, expected a direction such as 0 0 1", None if element is None else _line(element))
         return tuple(component / length for component in axis)
 
     def limits(self, element: etree._Element, kind: str, who: str) -> tuple[float, float]:
@@ -219,19 +243,19 @@ class _Reader:
         if kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         if found is None:
-            raise self.fail(f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", element.sourceline)
+            raise self.fail(f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", _line(element))
         for name in ("effort", "velocity"):
-            self.number(self.attribute(found, name, f"{who}: <limit>"), f"{who}: <limit> {name}", found.sourceline)
-        lower, upper = (self.number(found.get(name, "0"), f"{who}: <limit> {name}", found.sourceline) for name in ("lower", "upper"))
+            self.number(self.attribute(found, name, f"{who}: <limit>"), f"{who}: <limit> {name}", _line(found))
+        lower, upper = (self.number(found.get(name, "0"), f"{who}: <limit> {name}", _line(found)) for name in ("lower", "upper"))
         if lower > upper:
-            raise self.fail(f"{who}: its lower limit {lower:g} is above its upper limit {upper:g}", found.sourceline)
+            raise self.fail(f"{who}: its lower limit {lower:g} is above its upper limit {upper:g}", _line(found))
         return lower, upper
 
     def mimic(self, element: etree._Element, who: str) -> Mimic | None:
         found = self.one(element, "mimic", who)
         if found is None:
             return None
-        values = [self.number(found.get(name, default), f"{who}: <mimic> {name}", found.sourceline) for name, default in (("multiplier", "1"), ("offset", "0"))]
+        values = [self.number(found.get(name, default), f"{who}: <mimic> {name}", _line(found)) for name, default in (("multiplier", "1"), ("offset", "0"))]
         return Mimic(self.attribute(found, "joint", f"{who}: <mimic>"), *values)
 
     def check_tree(self, links: tuple[str, ...], joints: dict[str, UrdfJoint]) -> None:
@@ -253,6 +277,8 @@ class _Reader:
         for leader in self.leaders(joint, joints):
             if leader == joint.name:
                 raise self.fail(f"joint '{joint.name}' mimics itself", joint.line)
+            if joint.moves and not joints[leader].moves:
+                raise self.fail(f"joint '{joint.name}' mimics '{leader}', which is {joints[leader].type} and has no position", joint.line)
 
     def leaders(self, joint: UrdfJoint, joints: dict[str, UrdfJoint]) -> Iterator[str]:
         seen: set[str] = set()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from xml.parsers import expat
 
 import numpy as np
@@ -16,14 +16,16 @@ from urdfcal.geometry import SE3, Vector, pose, xyz_rpy
 _SAME = 1e-15  # a rotation or translation this close to the text's own keeps the text
 _DUST = 1e-16
 _BLANK = re.compile(rb"[ \t\r\n]*")
+_ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
 @dataclass
 class _JointSpan:
-    """Where a joint's start tag and its origin's start tag stand in the bytes."""
+    """Where a joint's start tag and its origin's start tag stand in the bytes, and what the origin says."""
 
     tag: int
     origin: int | None = None
+    stated: dict[str, str] = field(default_factory=dict)
 
 
 def with_origins(description: Description, origins: Mapping[str, SE3]) -> bytes:
@@ -34,11 +36,9 @@ def with_origins(description: Description, origins: Mapping[str, SE3]) -> bytes:
         origins: New placement by joint name; an `<origin>` is created where there is none.
 
     Raises:
-        RobotError: a joint is not in the text, or the text is in an encoding of more than one byte a letter such as UTF-16.
+        RobotError: a joint is not in the text.
     """
     text = description.text
-    if text[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\x00" in text[:64]:
-        raise RobotError("is not in a byte encoding such as UTF-8 or Latin-1; save it as UTF-8", description.label)
     spans = _joint_spans(text)
     edits: list[tuple[int, int, bytes]] = []
     for name, origin in origins.items():
@@ -60,9 +60,8 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
     if span.origin is None:
         return [_new_origin(text, span.tag, xyz, rpy)]
     end = _tag_end(text, span.origin)
-    found = {name: match for name in ("xyz", "rpy") if (match := _attribute(text, span.origin, end, name))}
-    stated = {name: np.array([float(word) for word in match["value"].split()]) for name, match in found.items()}
-    old = pose(stated.get("xyz", np.zeros(3)), stated.get("rpy", np.zeros(3)))
+    values_at = {match[1]: match.span(2) for match in _ATTRIBUTE.finditer(text, span.origin, end)}
+    old = pose(*(np.array([float(word) for word in span.stated.get(name, "0 0 0").split()]) for name in ("xyz", "rpy")))
     same = {
         "xyz": np.abs(old.translation - origin.translation).max() <= _SAME,
         "rpy": np.abs(old.rotation - origin.rotation).max() <= _SAME,
@@ -71,8 +70,9 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
     for name, values in (("xyz", xyz), ("rpy", rpy)):
         if same[name]:
             continue
-        if name in found:
-            edits.append((found[name].start("value"), found[name].end("value"), numbers(values).encode()))
+        if name.encode() in values_at:
+            start, stop = values_at[name.encode()]
+            edits.append((start + 1, stop - 1, numbers(values).encode()))
         else:
             place = end - (2 if text[end - 2 : end] == b"/>" else 1)
             place -= len(text[:place]) - len(text[:place].rstrip())
@@ -85,11 +85,6 @@ def _new_origin(text: bytes, tag: int, xyz: Vector, rpy: Vector) -> tuple[int, i
     blank = _BLANK.match(text, end)
     indent = blank[0] if blank else b""
     return end, end, indent + f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'.encode()
-
-
-def _attribute(text: bytes, start: int, end: int, name: str) -> re.Match[bytes] | None:
-    pattern = rb"""\s%s\s*=\s*(?P<quote>["'])(?P<value>.*?)(?P=quote)""" % name.encode()
-    return re.compile(pattern, re.DOTALL).search(text, start, end)
 
 
 def _tag_end(text: bytes, start: int) -> int:
@@ -119,7 +114,7 @@ def _joint_spans(text: bytes) -> dict[str, _JointSpan]:
             current[:] = [_JointSpan(parser.CurrentByteIndex)]
             spans[attributes.get("name", "")] = current[0]
         elif path == ["robot", "joint", "origin"] and current[0].origin is None:
-            current[0].origin = parser.CurrentByteIndex
+            current[0].origin, current[0].stated = parser.CurrentByteIndex, attributes
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: path.pop()

@@ -1,0 +1,50 @@
+"""Fixtures that many tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from urdfcal.robot import Robot, load_robot
+
+ROBOTS_DIR = Path(__file__).parents[1] / "robots"
+
+
+@pytest.fixture(scope="session")
+def robots() -> dict[str, Robot]:
+    """The robots that come with urdfcal, by name."""
+    return {folder.name: load_robot(folder / f"{folder.name}.urdf.xacro") for folder in sorted(ROBOTS_DIR.iterdir()) if folder.is_dir()}
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Seeded randomness."""
+    return np.random.default_rng(20261122)
+
+
+@pytest.fixture(scope="session")
+def example_robots() -> Path:
+    """The folder of example-robot-data's robot descriptions."""
+    from urdfcal.packages import find_package
+
+    return find_package("example-robot-data") / "robots"
+
+
+@pytest.fixture
+def run_cli(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., CliResult]:
+    """Run the command line in this process, in an empty folder; what native code writes is caught too."""
+    from urdfcal.cli import main
+
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: str | Path) -> CliResult:
+        capfd.readouterr()
+        monkeypatch.setattr(sys, "argv", ["urdfcal", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        out, err = capfd.readouterr()
+        return CliResult(stop.value.code if isinstance(stop.value.code, int) else -1, out, err)
+
+    return run
