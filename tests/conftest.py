@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,6 +13,14 @@ import pytest
 from urdfcal.robot import Robot, load_robot
 
 ROBOTS_DIR = Path(__file__).parents[1] / "robots"
+
+
+class CliResult(NamedTuple):
+    """What a command line left behind."""
+
+    code: int
+    out: str
+    err: str
 
 
 @pytest.fixture(scope="session")

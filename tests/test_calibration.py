@@ -10,7 +10,8 @@ import pytest
 
 import urdfcal
 from tests.helpers import assert_poses_close
-from urdfcal.calibration import evaluate, fit, rms_mm
+from urdfcal.calibration import evaluate, fit, with_test
+from urdfcal.fit_result import rms_mm
 from urdfcal.error_model import FLAT, ErrorModel, PriorScale
 from urdfcal.errors import FitRejected, RobotError, ShapeMismatch, UsageError
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
@@ -80,7 +81,7 @@ def test_a_carried_screen_is_the_same_problem(robots: dict[str, Robot], rng: np.
     found = fit(robot, simulate(robot, model, truth, q[:80], rng, SimulatedNoise(0.2e-3)))
     unseen = measurements_from(robot, q[80:], true_spots(robot, model, truth, q[80:]))
     assert found.converged
-    calibrated = urdfcal.calibration.with_test(found, unseen).test
+    calibrated = with_test(found, unseen).test
     assert calibrated is not None
     assert rms_mm(calibrated[1]) < 1.0 < rms_mm(calibrated[0])
 

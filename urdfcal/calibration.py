@@ -5,130 +5,36 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from urdfcal.corrections import OriginCorrection, corrected_model
-from urdfcal.ekf import STOPS, Belief, Estimate, iterated_schedule, paper_schedule
+from urdfcal.calibration_file import write_calibration
+from urdfcal.corrections import corrected_model
+from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
 from urdfcal.error_model import ErrorModel, Kind, PriorScale
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
+from urdfcal.files import write_whole
+from urdfcal.fit_result import FitResult, SpotTable, spot_table
 from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import MM, Matrix, Vector
-from urdfcal.identifiability import Identifiability, identify
+from urdfcal.geometry import MM, Vector, cross
+from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
 from urdfcal.noise import START_SPOT_SIGMA, Noise
+from urdfcal.report import text_report
 from urdfcal.robot import Robot
 from urdfcal.spot_model import SpotModel
+from urdfcal.urdf_writer import with_origins
 
 ESTIMATORS = ("ekf", "lse")
 SCHEDULES = ("iterated", "paper")
-CHI_SQUARED_LIMIT = 5.0  # times what was stated
 _NEAR_AXIS = 10 * MM
 
 
 @dataclass(frozen=True)
-class SpotErrors:
-    """Distances between measured and predicted spots of one laser, [mm]."""
-
-    mean_mm: float
-    std_mm: float
-    max_mm: float
-    n: int
-
-
-SpotTable = dict[str, SpotErrors]
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What a fit found; nothing in it is ever changed.
-
-    Attributes:
-        robot: The nominal robot.
-        errors: The error model; names, units and priors of the parameters.
-        estimate: Belief, stop reason, noise and history of the estimator.
-        identifiability: What the data decided.
-        before, after: Spot distances of the fitted poses with the nominal and with the calibrated robot.
-        test: The same of the test poses, if there are any: (before, after).
-        chi_squared: Squared whitened residuals over their degrees of freedom.
-        data: The poses that were fitted.
-        test_data: The poses that were only tested.
-        estimator: Estimator and schedule.
-        warnings: What the user ought to know.
-    """
-
-    robot: Robot
-    errors: ErrorModel
-    estimate: Estimate
-    identifiability: Identifiability
-    before: SpotTable
-    after: SpotTable
-    test: tuple[SpotTable, SpotTable] | None
-    chi_squared: float
-    data: Measurements
-    test_data: Measurements | None
-    estimator: str
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def x(self) -> Vector:
-        """Estimated parameters, (p,), [m] and [rad]."""
-        return self.estimate.belief.x
-
-    @property
-    def covariance(self) -> Matrix:
-        """Their covariance, (p, p)."""
-        return self.estimate.belief.P
-
-    @cached_property
-    def sigma(self) -> Vector:
-        """Their standard deviations, (p,), [m] and [rad]."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def converged(self) -> bool:
-        """Whether the estimator came to rest."""
-        return self.estimate.converged
-
-    @property
-    def stop_reason(self) -> str:
-        """Why the estimator stopped, in words."""
-        return STOPS[self.estimate.stop]
-
-    @cached_property
-    def corrections(self) -> dict[str, OriginCorrection]:
-        """Nominal and corrected origin of every joint that was calibrated."""
-        joints = self.robot.tree.joints
-        return {
-            name: OriginCorrection(joints[name].origin, corrected, joints[name].moves) for name, corrected in self.errors.corrected_origins(self.x).items()
-        }
-
-    @property
-    def rejection(self) -> str:
-        """Why the result must not be trusted, or the empty string."""
-        if not self.converged:
-            return f"the fit did not converge: {self.stop_reason}"
-        before, after = rms_mm(self.before), rms_mm(self.after)
-        if not after < before:
-            return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
-        if self.estimate.noise.stated and self.chi_squared > CHI_SQUARED_LIMIT:
-            return (
-                f"chi-square is {self.chi_squared:.3g} times what the stated noise of {self.estimate.noise.spot_sigma / MM:.3g} mm explains "
-                f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
-            )
-        return ""
-
-    def require_trustworthy(self) -> None:
-        """Raise if the result must not be trusted.
-
-        Raises:
-            FitRejected: says why.
-        """
-        if self.rejection:
-            raise FitRejected(self.rejection)
+class Calibration(FitResult):
+    """What a fit found, and what can be done with it."""
 
     def apply_to(self, model: Any) -> Any:
         """A corrected copy of a Pinocchio model of this robot, with or without the rig; for a controller.
@@ -140,26 +46,18 @@ class Calibration:
 
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""
-        from urdfcal.report import text_report
-
         return text_report(self if test is None else with_test(self, test))
 
     def urdf(self) -> bytes:
         """The robot's text with corrected origins."""
-        from urdfcal.urdf_writer import with_origins
-
         return with_origins(self.robot.description, {name: correction.corrected for name, correction in self.corrections.items()})
 
     def write_urdf(self, path: str | Path) -> None:
         """Write the calibrated URDF, whole or not at all."""
-        from urdfcal.files import write_whole
-
         write_whole(path, self.urdf())
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""
-        from urdfcal.calibration_file import write_calibration
-
         write_calibration(path, self, command or sys.argv)
 
 
@@ -253,23 +151,6 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
     return replace(calibration, test=(nominal, spot_table(SpotModel(errors, test), calibration.x)), test_data=test)
 
 
-def spot_table(model: SpotModel, x: Vector) -> SpotTable:
-    """Distances between measured and predicted spots per laser; a laser that was never seen is left out."""
-    distance = np.linalg.norm(model.predict(x)[0] - model.data.spots, axis=-1) / MM
-    table = {}
-    for index, laser in enumerate(model.data.lasers):
-        own = distance[model.data.seen[:, index], index]
-        if len(own):
-            table[laser] = SpotErrors(float(own.mean()), float(own.std()), float(own.max()), len(own))
-    return table
-
-
-def rms_mm(table: SpotTable) -> float:
-    """Root mean square distance over all lasers, [mm]."""
-    count = sum(row.n for row in table.values())
-    return float(np.sqrt(sum(row.n * (row.mean_mm**2 + row.std_mm**2) for row in table.values()) / max(count, 1)))
-
-
 def laid_over(
     options: ModelOptions,
     error_model: str | None = None,
@@ -358,7 +239,7 @@ def _mount_warning(robot: Robot, options: ModelOptions) -> tuple[str, ...]:
     errors = ErrorModel(robot.chain, (), ())
     module = errors.placements(np.empty(0)).module
     last = robot.chain.moving[-1]
-    off = float(np.linalg.norm(np.cross(np.array(last.joint.axis), module.translation)))
+    off = float(np.linalg.norm(cross(np.array(last.joint.axis), module.translation)))
     if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
         return ()
     return (

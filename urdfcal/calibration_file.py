@@ -15,7 +15,6 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from urdfcal import __version__
-from urdfcal.calibration import Calibration, SpotTable
 from urdfcal.corrections import OriginCorrection, corrected_model
 from urdfcal.errors import CalibrationFileError, did_you_mean
 from urdfcal.files import read_yaml, write_whole
@@ -118,7 +117,7 @@ class StoredCalibration:
         return origins, missing
 
 
-def write_calibration(path: str | Path, calibration: Calibration, command: Sequence[str]) -> None:
+def write_calibration(path: str | Path, calibration: FitResult, command: Sequence[str]) -> None:
     """Write a calibration as YAML, whole or not at all."""
     noise = calibration.estimate.noise
     content = {
@@ -187,7 +186,7 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     return StoredCalibration(path, corrections)
 
 
-def parameter_entries(calibration: Calibration) -> list[dict[str, Any]]:
+def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
     """Name, value, sigma, unit, prior and whether the data decided it, for every parameter; SI."""
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     return [
@@ -230,7 +229,7 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _data_entry(calibration: Calibration) -> dict[str, Any]:
+def _data_entry(calibration: FitResult) -> dict[str, Any]:
     data = calibration.data
     entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
     if data.source:

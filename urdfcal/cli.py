@@ -194,6 +194,7 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False)],
     screen: Screen = None,
     poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
+    test_poses: Annotated[int, typer.Option(min=0, help="Further poses, marked as test in a 'set' column.")] = 0,
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
@@ -203,6 +204,8 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """Simulate measurements of a robot with stated or random errors."""
+    from dataclasses import replace
+
     import numpy as np
 
     from urdfcal.calibration_file import write_truth
@@ -218,8 +221,9 @@ def simulate(
     rng = np.random.default_rng(seed)
     model, x = truth_of(arm, errors, rng)
     simulated = noise_from(spot_noise_mm, joint_noise_deg, noise)
-    q = draw_poses(arm, model, x, poses, rng, area=ScreenArea(_positive("--screen-size-m", screen_size_m) or 3.0))
+    q = draw_poses(arm, model, x, poses + test_poses, rng, area=ScreenArea(_positive("--screen-size-m", screen_size_m) or 3.0))
     data = run_simulate(arm, model, x, q, rng, simulated)
+    data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
     joints = arm.tree.joints
     corrections = {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()}
     stated = {"distribution": noise, "spot_mm": spot_noise_mm, "joint_deg": joint_noise_deg, "seed": seed}
@@ -233,7 +237,7 @@ def simulate(
             "joints in rad (m where they slide), spots (y, z) on the screen in m",
         ],
     )
-    _say(not quiet, f"wrote {output} ({poses} simulated poses) and {truth_file}", sys.stdout)
+    _say(not quiet, f"wrote {output} ({len(data)} simulated poses) and {truth_file}", sys.stdout)
 
 
 @app.command()

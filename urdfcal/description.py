@@ -160,8 +160,13 @@ def _our_look_up(package_dirs: tuple[Path, ...], sources: list[bytes]) -> Iterat
     import xacro
     import xacro.substitution_args
 
-    substitution = xacro.substitution_args
-    absolute, parse, find, evaluated_find = xacro.abs_filename_spec, xacro.parse, substitution._eval_find, substitution._eval_dict["find"]
+    absolute, parse, find = xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find
+
+    def found(spec: str) -> object:
+        try:
+            return absolute(resolve_uri(spec, package_dirs))
+        except RobotError as error:
+            raise xacro.XacroException(exc=error) from None
 
     def safe_parse(inp: object, filename: str | None = None) -> object:
         if inp is not None or filename is None:
@@ -176,11 +181,9 @@ def _our_look_up(package_dirs: tuple[Path, ...], sources: list[bytes]) -> Iterat
         sources.append(text)
         return xml.dom.minidom.parseString(text)
 
-    xacro.abs_filename_spec = lambda spec: absolute(resolve_uri(spec, package_dirs))
-    xacro.parse = safe_parse
-    substitution._eval_find = substitution._eval_dict["find"] = lambda name: str(find_package(name, package_dirs))
+    xacro.abs_filename_spec, xacro.parse = found, safe_parse
+    xacro.substitution_args._eval_find = lambda name: str(find_package(name, package_dirs))
     try:
         yield
     finally:
-        xacro.abs_filename_spec, xacro.parse = absolute, parse
-        substitution._eval_find, substitution._eval_dict["find"] = find, evaluated_find
+        xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find = absolute, parse, find

@@ -21,7 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.chain import Chain
-from urdfcal.geometry import SE3, Matrix, Vector, X, rotation_screw, translation_screw
+from urdfcal.geometry import SE3, Matrix, Vector, X, cross, rotation_screw, translation_screw
 from urdfcal.urdf_tree import UrdfJoint
 
 HAYATI_SINE = 0.1  # |z_prev x z| below which two axes count as nearly parallel
@@ -67,7 +67,7 @@ class _Axis:
 
     @property
     def stands_on_z(self) -> bool:
-        return bool(np.allclose(self.frame.rotation[:, 2], self.z, atol=_AS_IT_STANDS))
+        return bool(np.abs(self.frame.rotation[:, 2] - self.z).max() < _AS_IT_STANDS)
 
 
 @dataclass(frozen=True)
@@ -134,20 +134,20 @@ def _normal(before: _Axis, after: _Axis, hayati: bool) -> _Normal:
     origin = after.frame.translation
     if _is_dh(before, after):
         return _Normal(before.frame.rotation[:, 0], origin)
-    cross = np.cross(before.z, after.z)
-    sine = float(np.linalg.norm(cross))
+    both = cross(before.z, after.z)
+    sine = float(np.linalg.norm(both))
     if sine < (HAYATI_SINE if hayati else _PARALLEL):
         gap = _across(origin - before.point, before.z)
         if np.linalg.norm(gap) < _TOUCH:  # coincident: the URDF's own x, or whatever of it lies across
             own = _across(before.frame.rotation[:, 0], before.z)
             gap = own if np.linalg.norm(own) > _AS_IT_STANDS else _across(before.frame.rotation[:, 1], before.z)
         return _Normal(gap / np.linalg.norm(gap), origin)
-    x = cross / sine
+    x = both / sine
     apart = float((origin - before.point) @ x)
     if abs(apart) < _TOUCH:
         apart = float(before.frame.rotation[:, 0] @ x)
         apart = 1.0 if abs(apart) < _AS_IT_STANDS else apart
-    along = np.cross(before.z, cross) / sine**2  # foot of the normal on the new axis
+    along = cross(before.z, both) / sine**2  # foot of the normal on the new axis
     foot = origin - after.z * float((origin - before.point) @ along) / float(after.z @ along)
     return _Normal(x * np.sign(apart), foot)
 
@@ -165,10 +165,10 @@ def _across(vector: Vector, axis: Vector) -> Vector:
 
 
 def _row(name: str, before: _Axis, after: _Axis, normal: _Normal, x_after: Vector, hayati: bool) -> DhRow:
-    start = np.column_stack([normal.x, np.cross(before.z, normal.x), before.z])
+    start = np.column_stack([normal.x, cross(before.z, normal.x), before.z])
     a, _, d = start.T @ (normal.foot - before.point)
     z = start.T @ after.z
-    parallel = bool(np.linalg.norm(np.cross(before.z, after.z)) < HAYATI_SINE)
+    parallel = bool(np.linalg.norm(cross(before.z, after.z)) < HAYATI_SINE)
     beta = float(np.arcsin(np.clip(z[0], -1, 1))) if hayati and parallel else 0.0
     alpha = float(np.arctan2(-z[1], z[2]))
     tilted = start @ pin.exp3(X * alpha) @ pin.exp3(np.array([0.0, beta, 0.0]))

@@ -18,7 +18,7 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.dh import DhRow, dh_table
 from urdfcal.errors import RigError, ShapeMismatch, UsageError, did_you_mean
-from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, X, Z, exponentials, product, rotation_screw, six_screws, translation_screw
+from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, X, Z, cross, exponentials, product, rotation_screw, six_screws, translation_screw
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint
 
@@ -119,6 +119,10 @@ class Placements:
     lasers: list[SE3]
     anchors: Any
     screws: Matrix
+
+    def still(self) -> Placements:
+        """The same constants without the screws, for predictions that need no derivative."""
+        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0])
 
 
 @dataclass(frozen=True)
@@ -328,6 +332,21 @@ class _Walk:
         return edge
 
 
+class _AxisTables:
+    """The D-H tables of a chain by joint name, each derived when it is first needed."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+
+    @cached_property
+    def dh(self) -> dict[str, DhRow]:
+        return {row.name: row for row in dh_table(self.chain)}
+
+    @cached_property
+    def hayati(self) -> dict[str, DhRow]:
+        return {row.name: row for row in dh_table(self.chain, hayati=True)}
+
+
 def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:
     """All placements of a chain that may be wrong under an error model, in order of the way; beams are not among them.
 
@@ -341,7 +360,7 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
         UsageError: no such model.
     """
     per_joint = per_joint or {}
-    rows = {kind: {row.name: row for row in dh_table(chain, hayati=kind == "hayati")} for kind in ("dh", "hayati")}
+    rows = _AxisTables(chain)
     slots: list[Slot] = [_screen_slot(chain, rig)]
     for step in chain.moving:
         slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
@@ -402,7 +421,7 @@ def _screen_slot(chain: Chain, rig: Rig) -> Slot:
     return Slot(rig.screen, "screen", SIX, six_screws(), first.joint.name, before=True)
 
 
-def _joint_slot(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> Slot:
+def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
     if model not in MODELS:
         raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
     named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
@@ -418,10 +437,10 @@ def _offset(joint: UrdfJoint) -> dict[str, Vector]:
     return {"d_q": translation_screw(axis)} if joint.prismatic else {"d_theta": rotation_screw(axis, np.zeros(3))}
 
 
-def _dh(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> dict[str, Vector]:
+def _dh(joint: UrdfJoint, model: str, rows: _AxisTables) -> dict[str, Vector]:
     if joint.prismatic:
         return _slide(joint)
-    row = rows["dh" if model == "dh" else "hayati"][joint.name]
+    row = (rows.dh if model == "dh" else rows.hayati)[joint.name]
     left_out = {"d_d"} if _tilts(row, model) else {"d_beta"}
     return {name: screw for name, screw in row.screws.items() if name not in left_out or _completes(row, model)}
 
@@ -436,9 +455,11 @@ def _completes(row: DhRow, model: str) -> bool:
     return model == "auto" and row.behind_slide
 
 
-def _spare(joint: UrdfJoint, model: str, rows: Mapping[str, Mapping[str, DhRow]]) -> tuple[str, ...]:
-    row = rows["hayati"].get(joint.name)
-    if row is None or not _completes(row, model):
+def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
+    if model != "auto" or joint.prismatic:
+        return ()
+    row = rows.hayati[joint.name]
+    if not _completes(row, model):
         return ()
     return ("d_d",) if _tilts(row, model) else ("d_beta",)
 
@@ -449,7 +470,7 @@ def _slide(joint: UrdfJoint) -> dict[str, Vector]:
     least = np.eye(3)[int(np.argmin(np.abs(axis)))]
     across = least - axis * float(axis @ least)
     across /= np.linalg.norm(across)
-    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(np.cross(axis, across), np.zeros(3))}
+    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(cross(axis, across), np.zeros(3))}
 
 
 def require_screen_slot(chain: Chain, rig: Rig) -> None:

@@ -150,12 +150,13 @@ def _gauge(
     order = sorted(
         range(len(offered)), key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic))
     )
-    taken = set(independent_columns(full_pose_jacobian(chain, errors), order))
+    jacobian = full_pose_jacobian(chain, errors)
+    taken = set(independent_columns(jacobian, order))
     if not automatic:  # a model named explicitly keeps what is its own; only a screen asked for on top must add something
         taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
-    left_out = [parameter for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
-    carried = _carriers(chain, errors, [offered[column] for column in sorted(taken)], left_out) if automatic else {}
-    return [parameter for column, parameter in enumerate(offered) if column in taken], carried
+    left_out = [column for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
+    carried = _carriers(offered, jacobian, sorted(taken), left_out) if automatic else {}
+    return [offered[column] for column in sorted(taken)], carried
 
 
 def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple[int, int, int]:
@@ -168,22 +169,19 @@ def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple
     return 2, -place, _WITHIN_JOINT.index(name) if name in _WITHIN_JOINT else 0
 
 
-def _carriers(chain: Chain, errors: ErrorModel, taken: list[Parameter], left_out: list[Parameter]) -> dict[str, str]:
-    """What carries each parameter that was left out: `the screen`, `the mount`, or joints by name.
+def _carriers(offered: list[Parameter], jacobian: Matrix, taken: list[int], left_out: list[int]) -> dict[str, str]:
+    """What carries each parameter that was left out: the screen, the mount, or other joints.
 
     A left-out column is a combination of those that were taken; the groups with a share in it are named.
     """
     if not left_out:
         return {}
-    column = {name: index for index, name in enumerate(errors.names)}
-    jacobian = full_pose_jacobian(chain, errors)
-    basis = jacobian[:, [column[parameter.name] for parameter in taken]]
-    shares = np.linalg.lstsq(basis, jacobian[:, [column[parameter.name] for parameter in left_out]], rcond=None)[0]
+    shares = np.linalg.lstsq(jacobian[:, taken], jacobian[:, left_out], rcond=None)[0]
     carried = {}
-    for parameter, share in zip(left_out, shares.T, strict=True):
-        kinds = {taken[index].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
+    for column, share in zip(left_out, shares.T, strict=True):
+        kinds = {offered[taken[index]].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
         words = ["the screen"] * ("screen" in kinds) + ["the mount"] * ("mount" in kinds)
-        carried[parameter.name] = " and ".join(words) or "other joints"
+        carried[offered[column].name] = " and ".join(words) or "other joints"
     return carried
 
 

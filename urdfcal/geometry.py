@@ -24,6 +24,11 @@ MM = 1e-3
 DEG = np.pi / 180
 
 
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b of two 3-vectors; NumPy's own takes twenty times as long for so little."""
+    return np.asarray(pin.skew(a) @ b)
+
+
 def translation_screw(direction: Vector) -> Vector:
     """Screw of a translation along a unit direction, (6,)."""
     return np.concatenate([direction, np.zeros(3)])
@@ -31,7 +36,7 @@ def translation_screw(direction: Vector) -> Vector:
 
 def rotation_screw(direction: Vector, point: Vector) -> Vector:
     """Screw of a rotation about the line through `point` along a unit direction, (6,): equation (5)."""
-    return np.concatenate([np.cross(point, direction), direction])
+    return np.concatenate([cross(point, direction), direction])
 
 
 def six_screws() -> Matrix:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from urdfcal.calibration_file import parameter_entries
 from urdfcal.dh import DhRow
 from urdfcal.geometry import DEG, MM
 
@@ -15,12 +16,12 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from urdfcal.calibration import Calibration, SpotTable
+    from urdfcal.fit_result import FitResult, SpotTable
 
 WIDTH = 100
 
 
-def text_report(calibration: Calibration) -> str:
+def text_report(calibration: FitResult) -> str:
     """The whole result as text."""
     return as_text(calibration_blocks(calibration))
 
@@ -36,7 +37,7 @@ def as_text(blocks: Iterable[RenderableType]) -> str:
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
-def calibration_blocks(calibration: Calibration) -> list[RenderableType]:
+def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     """Headline, spot table, parameters, and what the data did not decide."""
     tables = [("fit", calibration.before, calibration.after)]
     if calibration.test:
@@ -60,7 +61,7 @@ def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]]) 
     return titled("Distance from measured to predicted spot, in mm", table)
 
 
-def parameter_table(calibration: Calibration) -> RenderableType:
+def parameter_table(calibration: FitResult) -> RenderableType:
     """Value and sigma of every parameter, or that the data did not determine it."""
     table = figures_table("parameter")
     table.add_column("value ± sigma", justify="right")
@@ -112,10 +113,8 @@ def carried_lines(carried: Mapping[str, str]) -> list[str]:
     return [f"carried by {carrier}: {', '.join(names)}" for carrier, names in by_carrier.items()]
 
 
-def calibration_json(calibration: Calibration) -> dict[str, Any]:
+def calibration_json(calibration: FitResult) -> dict[str, Any]:
     """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
-    from urdfcal.calibration_file import parameter_entries
-
     noise = calibration.estimate.noise
     return {
         "converged": calibration.converged,
@@ -142,7 +141,7 @@ def table_json(table: SpotTable) -> dict[str, Any]:
     return {laser: asdict(row) for laser, row in table.items()}
 
 
-def _headline(calibration: Calibration) -> str:
+def _headline(calibration: FitResult) -> str:
     data, noise = calibration.data, calibration.estimate.noise
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
@@ -154,7 +153,7 @@ def _headline(calibration: Calibration) -> str:
     )
 
 
-def _undecided(calibration: Calibration) -> list[RenderableType]:
+def _undecided(calibration: FitResult) -> list[RenderableType]:
     units = dict(zip(calibration.errors.names, calibration.errors.units, strict=True))
     lines = []
     for combination in calibration.identifiability.combinations:

@@ -19,7 +19,7 @@ from urdfcal.sensors import spots_on_screen
 from urdfcal.spot_model import SpotModel
 
 Distribution = Literal["gaussian", "uniform"]
-_BATCH, _MOST_DRAWS = 4096, 1_000_000
+_BATCH, _MOST_DRAWS = 4096, 500_000
 _FREE_TURN = np.pi  # how far a continuous joint is turned either way
 _LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 _LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
@@ -111,7 +111,7 @@ def draw_poses(
     Raises:
         UsageError: such positions are too rare.
     """
-    arm, placed, where = ArmKinematics(robot.chain), errors.placements(x), area or ScreenArea()
+    arm, placed, where = ArmKinematics(robot.chain), errors.placements(x).still(), area or ScreenArea()
     lower, upper = joint_limits(robot) if limits is None else limits
     found, drawn = np.empty((0, len(lower))), 0
     while len(found) < poses and drawn < _MOST_DRAWS:

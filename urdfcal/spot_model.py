@@ -32,8 +32,9 @@ class SpotModel:
         """Spots (n, lasers, 2) and beam lengths (n, lasers) at x, [m]."""
         n, lasers = self.data.seen.shape
         spots, lengths = np.empty((n, lasers, 2)), np.empty((n, lasers))
+        placed = {session: self.errors.placements(x, session).still() for session in self.errors.sessions}
         for session, rows in self.parts:
-            motion = motion_at(self.arm, self.errors.placements(x, session), self.positions[rows])
+            motion = motion_at(self.arm, placed[session], self.positions[rows])
             spots[rows], lengths[rows] = spots_on_screen(motion.source, motion.direction)
         return spots, lengths
 

@@ -101,17 +101,24 @@ def calibrate(robot: urdfcal.Robot, model: str, seed: int) -> tuple[Array, Array
 
 
 def moved_origins(robot: urdfcal.Robot, noise: float, seed: int) -> Array:
-    """Largest correction of a joint's origin [mm, mrad] of a perfect robot whose screen is 50 mm and 2 deg off, and the screen's own error left."""
+    """A perfect robot whose screen is 50 mm and 2 deg off: how far did its joints move, and how far is its screen still off?
+
+    Returns:
+        Largest correction of a joint's origin [mm, mrad], what is left of the screen's error [mm, mrad], and the largest joint
+        parameter over its claimed sigma, (5,).
+    """
     rng = np.random.default_rng(seed)
     direction, axis = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
     delta = transform(50 * MM * direction, Rotation.from_rotvec(2 * DEG * axis))
     screen = robot.chain.screen_joint.joint.name
     truth = moved_urdf(robot.description.text, {screen: delta})
     q = poses_on_screen(robot, truth, FIT, rng)
-    corrections = urdfcal.fit(robot, measured(robot, truth, q, noise, rng)).corrections
+    calibration = urdfcal.fit(robot, measured(robot, truth, q, noise, rng))
+    corrections = calibration.corrections
     joints = [sizes(correction.delta.homogeneous) for correction in corrections.values() if correction.moving]
     left = sizes(np.linalg.inv(delta) @ corrections[screen].delta.homogeneous)
-    return np.concatenate([np.max(joints, axis=0), left])
+    of_joint = [parameter.kind == "joint" for parameter in calibration.errors.parameters]
+    return np.array([*np.max(joints, axis=0), *left, np.max(np.abs(calibration.x / calibration.sigma)[of_joint])])
 
 
 def sizes(delta: Array) -> tuple[float, float]:
@@ -142,8 +149,8 @@ def main() -> None:
     panda = urdfcal.load_robot(arguments.robots / "panda" / "panda.urdf.xacro")
     print("\nperfect Panda, screen 50 mm and 2 deg off; worst of all seeds")
     for noise in (SPOT_NOISE, 0.0):
-        mm, mrad, screen_mm, screen_mrad = np.max([moved_origins(panda, noise, seed) for seed in range(arguments.seeds)], axis=0)
-        moved, left = f"{mm:.2g} mm, {mrad:.2g} mrad", f"{screen_mm:.2g} mm, {screen_mrad:.2g} mrad"
+        mm, mrad, screen_mm, screen_mrad, sigmas = np.max([moved_origins(panda, noise, seed) for seed in range(arguments.seeds)], axis=0)
+        moved, left = f"{mm:.2g} mm, {mrad:.2g} mrad ({sigmas:.2g} sigma)", f"{screen_mm:.2g} mm, {screen_mrad:.2g} mrad"
         print(f"spot noise {noise / MM:.1f} mm: joint origins moved by at most {moved}; screen still off by {left}")
     print(f"{arguments.seeds} seeds, {time.perf_counter() - start:.0f} s")
 

@@ -1,0 +1,139 @@
+"""What a fit found, as data: estimate, spot tables, corrected origins, and whether it can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from urdfcal.corrections import OriginCorrection
+from urdfcal.ekf import STOPS, Estimate
+from urdfcal.error_model import ErrorModel
+from urdfcal.errors import FitRejected
+from urdfcal.geometry import MM, Matrix, Vector
+from urdfcal.identifiability import Identifiability
+from urdfcal.measurements import Measurements
+from urdfcal.robot import Robot
+from urdfcal.spot_model import SpotModel
+
+CHI_SQUARED_LIMIT = 5.0  # times what was stated
+
+
+@dataclass(frozen=True)
+class SpotErrors:
+    """Distances between measured and predicted spots of one laser, [mm]."""
+
+    mean_mm: float
+    std_mm: float
+    max_mm: float
+    n: int
+
+
+SpotTable = dict[str, SpotErrors]
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What a fit found, as data; nothing in it is ever changed.
+
+    Attributes:
+        robot: The nominal robot.
+        errors: The error model; names, units and priors of the parameters.
+        estimate: Belief, stop reason, noise and history of the estimator.
+        identifiability: What the data decided.
+        before, after: Spot distances of the fitted poses with the nominal and with the calibrated robot.
+        test: The same of the test poses, if there are any: (before, after).
+        chi_squared: Squared whitened residuals over their degrees of freedom.
+        data: The poses that were fitted.
+        test_data: The poses that were only tested.
+        estimator: Estimator and schedule.
+        warnings: What the user ought to know.
+    """
+
+    robot: Robot
+    errors: ErrorModel
+    estimate: Estimate
+    identifiability: Identifiability
+    before: SpotTable
+    after: SpotTable
+    test: tuple[SpotTable, SpotTable] | None
+    chi_squared: float
+    data: Measurements
+    test_data: Measurements | None
+    estimator: str
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def x(self) -> Vector:
+        """Estimated parameters, (p,), [m] and [rad]."""
+        return self.estimate.belief.x
+
+    @property
+    def covariance(self) -> Matrix:
+        """Their covariance, (p, p)."""
+        return self.estimate.belief.P
+
+    @cached_property
+    def sigma(self) -> Vector:
+        """Their standard deviations, (p,), [m] and [rad]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimator came to rest."""
+        return self.estimate.converged
+
+    @property
+    def stop_reason(self) -> str:
+        """Why the estimator stopped, in words."""
+        return STOPS[self.estimate.stop]
+
+    @cached_property
+    def corrections(self) -> dict[str, OriginCorrection]:
+        """Nominal and corrected origin of every joint that was calibrated."""
+        joints = self.robot.tree.joints
+        return {
+            name: OriginCorrection(joints[name].origin, corrected, joints[name].moves) for name, corrected in self.errors.corrected_origins(self.x).items()
+        }
+
+    @property
+    def rejection(self) -> str:
+        """Why the result must not be trusted, or the empty string."""
+        if not self.converged:
+            return f"the fit did not converge: {self.stop_reason}"
+        before, after = rms_mm(self.before), rms_mm(self.after)
+        if not after < before:
+            return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
+        if self.estimate.noise.stated and self.chi_squared > CHI_SQUARED_LIMIT:
+            return (
+                f"chi-square is {self.chi_squared:.3g} times what the stated noise of {self.estimate.noise.spot_sigma / MM:.3g} mm explains "
+                f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
+            )
+        return ""
+
+    def require_trustworthy(self) -> None:
+        """Raise if the result must not be trusted.
+
+        Raises:
+            FitRejected: says why.
+        """
+        if self.rejection:
+            raise FitRejected(self.rejection)
+
+
+def spot_table(model: SpotModel, x: Vector) -> SpotTable:
+    """Distances between measured and predicted spots per laser; a laser that was never seen is left out."""
+    distance = np.linalg.norm(model.predict(x)[0] - model.data.spots, axis=-1) / MM
+    table = {}
+    for index, laser in enumerate(model.data.lasers):
+        own = distance[model.data.seen[:, index], index]
+        if len(own):
+            table[laser] = SpotErrors(float(own.mean()), float(own.std()), float(own.max()), len(own))
+    return table
+
+
+def rms_mm(table: SpotTable) -> float:
+    """Root mean square distance over all lasers, [mm]."""
+    count = sum(row.n for row in table.values())
+    return float(np.sqrt(sum(row.n * (row.mean_mm**2 + row.std_mm**2) for row in table.values()) / max(count, 1)))
