@@ -40,7 +40,7 @@ URDF = """\
     <parent link="lower"/>
     <child link="tool"/>
     <origin xyz="0.2 0 0"/>
-    <axis xyz="1 0 0.5"/>
+    <axis xyz="0.6 0 0.8"/>
     <limit lower="0" upper="0.3" effort="1" velocity="1"/>
   </joint>
   <joint name="slm_mount" type="fixed">

@@ -102,7 +102,7 @@ def changed(old: str, new: str, text: str = MARKED) -> str:
 
 HOSTILE = {
     "as it is": MARKED,
-    "single quotes": MARKED.replace('"', "'"),
+    "single quotes": MARKED.replace('"', "'").replace("'N'", '"N"'),
     "byte-order mark": "\ufeff" + MARKED,
     "no declaration": MARKED.removeprefix('<?xml version="1.0"?>\n'),
     "CDATA": changed("<link name=\"tool\"/>", '<link name="tool"/><gazebo><![CDATA[<joint name="turn"><origin xyz="1 1 1"/></joint>]]></gazebo>'),
@@ -114,7 +114,7 @@ HOSTILE = {
     "origin with content": changed(MARKED_TURN, '<origin xyz="«0 0 0.2»"§ rpy="N"§  ><!-- > --></origin  >'),
     "comment with an origin": changed(MARKED_TURN, f'<!-- <origin xyz="7 7 7" rpy="1 1 1"/> -->{MARKED_TURN}<!-- <origin xyz="8 8 8"/> -->'),
     "comment with a joint": changed('<joint name="turn"', '<!-- <joint name="turn"><origin xyz="7 7 7"/></joint> --><joint name="turn"'),
-    "processing instruction": changed(MARKED_TURN, f'<?edit <origin xyz="7 7 7"/> ?>{MARKED_TURN}'),
+    "processing instruction": changed("<robot ", '<?edit <joint name="turn"><origin xyz="7 7 7"/></joint> ?>\n<robot '),
     "same name in a transmission": changed('  <link name="base"/>', '  <transmission name="t"><joint name="turn"><origin xyz="7 7 7"/></joint></transmission>\n  <link name="base"/>'),
     "same name in ros2_control": changed("</robot>", '<ros2_control name="r"><joint name="turn"><origin xyz="7 7 7"/><param name="p">1</param></joint></ros2_control></robot>'),
     "same name in gazebo": changed("</robot>", '<gazebo reference="turn"><joint name="turn"><origin xyz="7 7 7"/></joint></gazebo></robot>'),
@@ -167,7 +167,7 @@ def test_every_other_byte_stays(case: str, line_end: str, rng: np.random.Generat
     assert_read_back(robot, text, corrections, rng)
 
 
-@pytest.mark.parametrize("encoding", ["ISO-8859-1", "latin-1", "windows-1252", "US-ASCII", "iso-8859-15"])
+@pytest.mark.parametrize("encoding", ["ISO-8859-1", "windows-1252", "US-ASCII", "iso-8859-15"])
 def test_other_encodings_stay(encoding: str, rng: np.random.Generator) -> None:
     """A text in a declared encoding of single bytes keeps every byte, umlauts in front of the joints included."""
     umlauts = "" if encoding == "US-ASCII" else " \u00e4\u00f6\u00fc\u00df"

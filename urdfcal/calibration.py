@@ -115,19 +115,19 @@ def fit(
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
     noise = Noise(spot_sigma or START_SPOT_SIGMA, _joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None or _all_stated(fit_set))
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
-    _require_beams_on_screen(model, errors.mean)
     found = _run(estimator, schedule, model, Belief(errors.mean, np.diag(errors.sigma**2)), noise, tolerance, max_sweeps, q, r)
+    if len(found.history) == 1:
+        _require_beams_on_screen(model, errors.mean)
     here = model.linearise(found.belief.x)
     seen = identify(errors.names, found.belief.x, found.belief.P, errors.sigma)
     freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
-    nominal = SpotModel(replace(errors, held={}), fit_set)
     calibration = Calibration(
         robot=robot,
         errors=errors,
         estimate=found,
         identifiability=seen,
-        before=spot_table(nominal, np.zeros_like(errors.mean)),
-        after=spot_table(model, found.belief.x),
+        before=evaluate(robot, fit_set),
+        after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
         chi_squared=found.noise.chi_squared(here) / max(freedom, 1.0),
         data=fit_set,
@@ -141,14 +141,13 @@ def fit(
 def evaluate(robot: Robot, data: Measurements) -> SpotTable:
     """Spot distances of a robot as its URDF has it."""
     errors = ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",))
-    return spot_table(SpotModel(errors, data), np.empty(0))
+    return spot_table(data, SpotModel(errors, data).predict(np.empty(0))[0])
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
     """The same calibration with the spot distances of test poses."""
-    errors = calibration.errors
-    nominal = spot_table(SpotModel(replace(errors, held={}), test), np.zeros_like(errors.mean))
-    return replace(calibration, test=(nominal, spot_table(SpotModel(errors, test), calibration.x)), test_data=test)
+    predicted, _ = SpotModel(calibration.errors, test).predict(calibration.x)
+    return replace(calibration, test=(evaluate(calibration.robot, test), spot_table(test, predicted)), test_data=test)
 
 
 def laid_over(

@@ -18,6 +18,7 @@ from urdfcal import __version__
 from urdfcal.corrections import OriginCorrection, corrected_model
 from urdfcal.errors import CalibrationFileError, did_you_mean
 from urdfcal.files import read_yaml, write_whole
+from urdfcal.fit_result import FitResult, SpotTable
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
 
@@ -114,6 +115,8 @@ class StoredCalibration:
                 )
         if already and all(_same(self.corrections[name].nominal, origin) for name, origin in origins.items()):
             raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
+        if not origins:
+            raise CalibrationFileError(f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path)
         return origins, missing
 
 

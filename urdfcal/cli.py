@@ -31,16 +31,44 @@ app = typer.Typer(
 )
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="URDF or xacro file. A xacro file is code: it runs.", show_default=False)]
-DataFile = Annotated[Path, typer.Argument(metavar="MEASUREMENTS", help="CSV: a column a joint, <laser>.y and <laser>.z.", show_default=False)]
-XacroArgs = Annotated[list[str], typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", default_factory=list, show_default=False)]
-PackageDirs = Annotated[list[Path], typer.Option("--package-dir", metavar="DIR", help="Folder in which packages are looked for first; repeatable.", default_factory=list, show_default=False)]
-Screen = Annotated[str | None, typer.Option(metavar="LINK", help="Screen link; its plane x = 0 is the screen. Default: the link 'screen'.", show_default=False)]
-Lasers = Annotated[list[str], typer.Option("--laser", metavar="LINK", help="Laser link, beam along +z; repeatable. Default: every link 'laser_<digits>'.", default_factory=list, show_default=False)]
-RigOption = Annotated[Path | None, typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False)]
-Model = Annotated[str | None, typer.Option("--error-model", metavar="MODEL", help="auto, dh, hayati, placement or offset. Default: auto.", show_default=False)]
-Estimate = Annotated[list[str], typer.Option("--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", default_factory=list, show_default=False)]
-Fix = Annotated[list[str], typer.Option("--fix", metavar="PATTERN", help="Hold these parameters, e.g. 'joint3.*'; repeatable.", default_factory=list, show_default=False)]
-Only = Annotated[list[str], typer.Option("--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", default_factory=list, show_default=False)]
+DataFile = Annotated[
+    Path, typer.Argument(metavar="MEASUREMENTS", help="CSV: a column a joint, <laser>.y and <laser>.z.", show_default=False)
+]
+XacroArgs = Annotated[
+    list[str] | None, typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False)
+]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option("--package-dir", metavar="DIR", help="Folder in which packages are looked for first; repeatable.", show_default=False),
+]
+Screen = Annotated[
+    str | None,
+    typer.Option(metavar="LINK", help="Screen link; its plane x = 0 is the screen. Default: the link 'screen'.", show_default=False),
+]
+Lasers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--laser", metavar="LINK", help="Laser link, beam along +z; repeatable. Default: every link 'laser_<digits>'.", show_default=False
+    ),
+]
+RigOption = Annotated[
+    Path | None, typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False)
+]
+Model = Annotated[
+    str | None,
+    typer.Option("--error-model", metavar="MODEL", help="auto, dh, hayati, placement or offset. Default: auto.", show_default=False),
+]
+Estimate = Annotated[
+    list[str] | None,
+    typer.Option("--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", show_default=False),
+]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option("--fix", metavar="PATTERN", help="Hold these parameters, e.g. 'joint3.*'; repeatable.", show_default=False),
+]
+Only = Annotated[
+    list[str] | None, typer.Option("--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", show_default=False)
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the result for machines, in SI units.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.")]
@@ -52,30 +80,51 @@ Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", h
 def fit(
     robot: RobotFile,
     measurements: DataFile,
-    xacro_arg: XacroArgs,
-    package_dir: PackageDirs,
-    laser: Lasers,
-    estimate: Estimate,
-    fix: Fix,
-    only: Only,
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="URDF", help="Calibrated URDF. Default: <stem>_calibrated.urdf here.", show_default=False)] = None,
-    screen: Screen = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="URDF", help="Calibrated URDF. Default: <stem>_calibrated.urdf here.", show_default=False),
+    ] = None,
     rig: RigOption = None,
     error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
     estimator: Annotated[str, typer.Option(help="ekf or lse (Levenberg-Marquardt).")] = "ekf",
     schedule: Annotated[str, typer.Option(help="Of the EKF: iterated (maximum a posteriori) or paper (sweeps with Q and R).")] = "iterated",
-    spot_sigma_mm: Annotated[float | None, typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False)] = None,
-    joint_sigma_deg: Annotated[float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)] = None,
-    prior_joint: Annotated[str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)] = None,
-    prior_mount: Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)] = None,
-    prior_screen: Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)] = None,
-    prior_beams: Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)] = None,
-    tolerance: Annotated[float | None, typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False)] = None,
-    max_sweeps: Annotated[int | None, typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False)] = None,
+    spot_sigma_mm: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
+    ] = None,
+    joint_sigma_deg: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)
+    ] = None,
+    prior_joint: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)
+    ] = None,
+    prior_mount: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)
+    ] = None,
+    prior_screen: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)
+    ] = None,
+    prior_beams: Annotated[
+        str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)
+    ] = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False),
+    ] = None,
+    max_sweeps: Annotated[
+        int | None, typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False)
+    ] = None,
     q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
     r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
     test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -93,8 +142,10 @@ def fit(
     _require_places(urdf, record, inputs=(robot, measurements, rig, test))
     data = read_measurements(measurements, arm)
     further = read_measurements(test, arm) if test else None
-    options = laid_over(rig_file.options(), error_model, estimate, fix, only, _priors(prior_joint, prior_mount, prior_screen, prior_beams))
-    _say(verbose, f"{arm.name}: {len(arm.chain.moving)} moving joints from '{arm.rig.screen}' to '{arm.rig.module}', {len(data)} poses")
+    options = laid_over(
+        rig_file.options(), error_model, estimate or (), fix or (), only or (), _priors(prior_joint, prior_mount, prior_screen, prior_beams)
+    )
+    _say(verbose, f"{_about(arm)}; {len(data)} poses")
     calibration = run_fit(
         arm,
         data,
@@ -126,12 +177,13 @@ def fit(
 def evaluate(
     robot: RobotFile,
     measurements: DataFile,
-    xacro_arg: XacroArgs,
-    package_dir: PackageDirs,
-    laser: Lasers,
     screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
     from urdfcal.calibration import evaluate as run_evaluate
@@ -139,6 +191,7 @@ def evaluate(
     from urdfcal.report import spot_table_block, table_json
 
     arm = _robot(robot, xacro_arg, package_dir, screen, laser)
+    _say(verbose, _about(arm))
     data = read_measurements(measurements, arm)
     _warn(data.warnings, quiet)
     fit_set, test_set = data.split()
@@ -154,13 +207,16 @@ def evaluate(
 @app.command()
 def dh(
     robot: RobotFile,
-    xacro_arg: XacroArgs,
-    package_dir: PackageDirs,
-    laser: Lasers,
-    screen: Screen = None,
     hayati: Annotated[bool, typer.Option("--hayati", help="Hayati's transform, with beta, where axes are nearly parallel.")] = False,
-    calibration: Annotated[Path | None, typer.Option(metavar="YAML", help="Also show the table of the corrected robot.", show_default=False)] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Also show the table of the corrected robot.", show_default=False)
+    ] = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
     as_json: Json = False,
+    verbose: Verbose = False,
 ) -> None:
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
     from dataclasses import replace
@@ -173,6 +229,7 @@ def dh(
     from urdfcal.urdf_writer import with_origins
 
     arm = _robot(robot, xacro_arg, package_dir, screen, laser)
+    _say(verbose, _about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:
         origins, _ = read_calibration(calibration).origins_for(arm)
@@ -188,20 +245,33 @@ def dh(
 @app.command()
 def simulate(
     robot: RobotFile,
-    xacro_arg: XacroArgs,
-    package_dir: PackageDirs,
-    laser: Lasers,
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False)],
-    screen: Screen = None,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False
+        ),
+    ],
     poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
     test_poses: Annotated[int, typer.Option(min=0, help="Further poses, marked as test in a 'set' column.")] = 0,
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
     noise: Annotated[str, typer.Option(help="gaussian (the noise is a standard deviation) or uniform (half the width).")] = "gaussian",
-    errors: Annotated[str, typer.Option(metavar="MM,DEG|YAML", help="Sigma of random errors in six directions of every joint, mount and screen, or a file with stated errors.")] = "2mm,0.2deg",
+    errors: Annotated[
+        str,
+        typer.Option(
+            metavar="MM,DEG|YAML",
+            help="Sigma of random errors in six directions of every joint, mount and screen, or a file with stated errors.",
+        ),
+    ] = "2mm,0.2deg",
     screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate measurements of a robot with stated or random errors."""
     from dataclasses import replace
@@ -216,6 +286,7 @@ def simulate(
     from urdfcal.truth import truth_of
 
     arm = _robot(robot, xacro_arg, package_dir, screen, laser)
+    _say(verbose, _about(arm))
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     _require_places(output, truth_file, inputs=(robot,))
     rng = np.random.default_rng(seed)
@@ -225,7 +296,9 @@ def simulate(
     data = run_simulate(arm, model, x, q, rng, simulated)
     data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
     joints = arm.tree.joints
-    corrections = {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()}
+    corrections = {
+        name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
+    }
     stated = {"distribution": noise, "spot_mm": spot_noise_mm, "joint_deg": joint_noise_deg, "seed": seed}
     write_truth(truth_file, arm, corrections, dict(zip(model.names, x, strict=True)), sys.argv, stated)
     write_measurements(
@@ -237,36 +310,54 @@ def simulate(
             "joints in rad (m where they slide), spots (y, z) on the screen in m",
         ],
     )
-    _say(not quiet, f"wrote {output} ({len(data)} simulated poses) and {truth_file}", sys.stdout)
+    _done(
+        {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
+        f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
+        quiet,
+    )
 
 
 @app.command()
 def apply(
     robot: RobotFile,
-    calibration: Annotated[Path, typer.Argument(metavar="CALIBRATION.yaml", help="Written by fit, or the truth of a simulation.", show_default=False)],
-    xacro_arg: XacroArgs,
-    package_dir: PackageDirs,
+    calibration: Annotated[
+        Path, typer.Argument(metavar="CALIBRATION", help="Written by fit, or the truth of a simulation.", show_default=False)
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="Calibrated URDF.", show_default=False)],
-    force: Annotated[bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
+    ] = False,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Put a stored calibration on a robot description (again)."""
     from urdfcal.calibration_file import read_calibration
     from urdfcal.files import write_whole
     from urdfcal.urdf_writer import with_origins
 
-    arm = _robot(robot, xacro_arg, package_dir, None, [])
+    arm = _robot(robot, xacro_arg, package_dir, None, None)
     _require_places(output, inputs=(robot, calibration))
     origins, missing = read_calibration(calibration).origins_for(arm, force)
     write_whole(output, with_origins(arm.description, origins))
     if missing:
         _warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    _say(not quiet, f"wrote {output} with {len(origins)} corrected origins" + _expanded_note(arm), sys.stdout)
+    _say(verbose, f"corrected: {', '.join(origins)}")
+    _done(
+        {"urdf": str(output), "corrected": list(origins), "missing": missing} if as_json else None,
+        f"wrote {output} with {len(origins)} corrected origins" + _expanded_note(arm),
+        quiet,
+    )
 
 
 @app.command()
 def paper(
-    robot: Annotated[Path | None, typer.Argument(metavar="[ROBOT]", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False)] = None,
+    robot: Annotated[
+        Path | None,
+        typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
+    ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Draws of poses and noise that are averaged.")] = 5,
     seed: Seed = 0,
     as_json: Json = False,
@@ -294,7 +385,7 @@ def version() -> None:
 def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
     try:
-        code = app(standalone_mode=False)
+        code = app(standalone_mode=False, prog_name="urdfcal")
     except UrdfcalError as error:
         _fail(str(error), error.exit_code)
     except typer.Abort:
@@ -312,21 +403,34 @@ def main() -> NoReturn:
 
 
 def _fail(message: str, code: int) -> NoReturn:
-    print(f"urdfcal: {message}" if code != 3 else f"urdfcal: rejected: {message}; nothing written (--force writes it anyway)", file=sys.stderr)
+    print(
+        f"urdfcal: {message}" if code != 3 else f"urdfcal: rejected: {message}; nothing written (--force writes it anyway)", file=sys.stderr
+    )
     sys.exit(code)
 
 
-def _robot(path: Path, xacro_args: list[str], package_dirs: list[Path], screen: str | None, lasers: list[str], rig: RigFile | None = None) -> Robot:
+def _robot(
+    path: Path,
+    xacro_args: list[str] | None,
+    package_dirs: list[Path] | None,
+    screen: str | None,
+    lasers: list[str] | None,
+    rig: RigFile | None = None,
+) -> Robot:
     from urdfcal.robot import load_robot
 
     arguments = {}
-    for argument in xacro_args:
+    for argument in xacro_args or ():
         name, mark, value = argument.partition(":=")
         if not mark or not name:
             raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
         arguments[name] = value
     return load_robot(
-        path, xacro_args=arguments, package_dirs=package_dirs, screen=screen or (rig.screen if rig else None), lasers=lasers or (rig.lasers if rig else None)
+        path,
+        xacro_args=arguments,
+        package_dirs=package_dirs or (),
+        screen=screen or (rig.screen if rig else None),
+        lasers=lasers or (rig.lasers if rig else None),
     )
 
 
@@ -389,6 +493,11 @@ def _stem_of(urdf: Path) -> str:
     return urdf.name.split(".")[0].removesuffix("_calibrated") or urdf.stem
 
 
+def _about(robot: Robot) -> str:
+    names = ", ".join(step.joint.name for step in robot.chain.moving)
+    return f"{robot.name}: moving joints {names} between '{robot.rig.screen}' and '{robot.rig.module}' with {', '.join(robot.rig.lasers)}"
+
+
 def _expanded_note(robot: Robot) -> str:
     return f" (the URDF is the expanded {robot.description.path.name})" if robot.description.expanded else ""
 
@@ -408,6 +517,14 @@ def _result(machine: Mapping[str, Any] | None, blocks: Iterable[RenderableType])
     from urdfcal.report import as_text
 
     print(as_text(blocks), end="")
+
+
+def _done(machine: Mapping[str, Any] | None, text: str, quiet: bool) -> None:
+    """What a command that prints no table says at its end."""
+    if machine is not None:
+        print(json.dumps(machine, indent=2))
+    else:
+        _say(not quiet, text, sys.stdout)
 
 
 def _say(wanted: bool, text: str, stream: Any = None) -> None:

@@ -31,6 +31,8 @@ STOPS = {
     "not_finite": "numbers ceased to be finite",
 }
 _HALVINGS = 30
+_NEARLY = 1e-2  # [sigmas] steps under which noise that is not stated is estimated
+_SHRINKS = 0.1  # steps that shrink faster than this are Newton's last ones
 _STANDSTILL = 1e-12  # [m] and [rad]: steps below it are rounding
 _ROUNDING = 1e-13  # share of the largest eigenvalue under which an information eigenvalue is rounding
 
@@ -134,7 +136,7 @@ def iterated_schedule(
         prior: Before the data.
         noise: Of the measurements.
         start: Where to linearise first; the prior mean by default.
-        tolerance: Largest step of any parameter, in its own posterior standard deviations, that counts as rest.
+        tolerance: Largest step of any parameter still to come, in its own posterior standard deviations, that counts as rest.
         max_sweeps: How many linearisations are allowed.
     """
     scale = np.sqrt(np.diag(prior.P))
@@ -143,25 +145,27 @@ def iterated_schedule(
     belief, history = Belief(x, prior.P), [Sweep(x, np.nan, here.rms)]
     if not here.usable:
         return Estimate(belief, here.trouble, noise, history)
-    settled = noise.stated
+    settled, last = noise.stated, 0.0
     for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
         weights = noise.weights(here)
         H, residual = weights.jacobian(here), weights.residual(here)
         rows, short = compress(H, residual + H @ (x - prior.x), scale)
         belief, _ = update(prior, short, rows, np.eye(len(short)))
         step = belief.x - x
-        sigmas = np.max(np.abs(step) / np.sqrt(np.diag(belief.P)))
-        if sigmas < (tolerance if settled else 1e-2) or np.abs(step).max() < _STANDSTILL:
-            if settled:
-                return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
+        sigmas = float(np.max(np.abs(step) / np.sqrt(np.diag(belief.P))))
+        shrinking = sigmas / last if last else 1.0
+        left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
+        if not settled and sigmas < _NEARLY:
             better = noise.estimated(here, _degrees_of_freedom(here, rows, belief))
-            settled, noise = better.close_to(noise), better
-            continue
-        moved, there = _damped(linearise, x, step, here, weights, prior)
-        if there is None:
-            return Estimate(replace(belief, x=x), "stalled", noise, history)
-        x, here = moved, there
-        history.append(Sweep(x, float(np.linalg.norm(x - history[-1].x)), here.rms))
+            settled, noise, last = better.close_to(noise), better, 0.0
+        elif left < tolerance or np.abs(step).max() < _STANDSTILL:
+            return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
+        else:
+            moved, there = _damped(linearise, x, step, here, weights, prior)
+            if there is None:
+                return Estimate(replace(belief, x=x), "stalled", noise, history)
+            history.append(Sweep(moved, float(np.linalg.norm(moved - x)), there.rms))
+            x, here = moved, there
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 
 

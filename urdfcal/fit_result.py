@@ -11,11 +11,10 @@ from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import FitRejected
-from urdfcal.geometry import MM, Matrix, Vector
+from urdfcal.geometry import MM, Array3, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
 from urdfcal.robot import Robot
-from urdfcal.spot_model import SpotModel
 
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
@@ -122,12 +121,12 @@ class FitResult:
             raise FitRejected(self.rejection)
 
 
-def spot_table(model: SpotModel, x: Vector) -> SpotTable:
-    """Distances between measured and predicted spots per laser; a laser that was never seen is left out."""
-    distance = np.linalg.norm(model.predict(x)[0] - model.data.spots, axis=-1) / MM
+def spot_table(data: Measurements, spots: Array3) -> SpotTable:
+    """Distances between measured and predicted spots (n, lasers, 2) per laser; a laser that was never seen is left out."""
+    distance = np.linalg.norm(spots - data.spots, axis=-1) / MM
     table = {}
-    for index, laser in enumerate(model.data.lasers):
-        own = distance[model.data.seen[:, index], index]
+    for index, laser in enumerate(data.lasers):
+        own = distance[data.seen[:, index], index]
         if len(own):
             table[laser] = SpotErrors(float(own.mean()), float(own.std()), float(own.max()), len(own))
     return table

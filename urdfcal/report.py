@@ -84,7 +84,7 @@ def value_and_sigma(value: float, sigma: float) -> str:
 def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
     """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
     rows, corrected = list(rows), None if corrected is None else list(corrected)
-    tilts, slides = any(row.beta for row in rows + (corrected or [])), any(abs(row.slide) > 1e-9 for row in rows + (corrected or []))
+    tilts, slides = any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])), any(abs(row.slide) > 1e-9 for row in rows + (corrected or []))
     names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
     table = figures_table("joint")
     for name in names:

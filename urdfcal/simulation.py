@@ -19,7 +19,7 @@ from urdfcal.sensors import spots_on_screen
 from urdfcal.spot_model import SpotModel
 
 Distribution = Literal["gaussian", "uniform"]
-_BATCH, _MOST_DRAWS = 4096, 500_000
+_BATCH, _MOST_DRAWS, _LEAST_SHARE = 4096, 500_000, 0.005
 _FREE_TURN = np.pi  # how far a continuous joint is turned either way
 _LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 _LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
@@ -114,7 +114,8 @@ def draw_poses(
     arm, placed, where = ArmKinematics(robot.chain), errors.placements(x).still(), area or ScreenArea()
     lower, upper = joint_limits(robot) if limits is None else limits
     found, drawn = np.empty((0, len(lower))), 0
-    while len(found) < poses and drawn < _MOST_DRAWS:
+    most = max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
+    while len(found) < poses and drawn < most:
         q = rng.uniform(lower, upper, (_BATCH, len(lower)))
         motion = motion_at(arm, placed, arm.chain_positions(q))
         found, drawn = np.vstack([found, q[_on_screen(motion.source, motion.direction, where)]]), drawn + _BATCH

@@ -66,7 +66,9 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
         "xyz": np.abs(old.translation - origin.translation).max() <= _SAME,
         "rpy": np.abs(old.rotation - origin.rotation).max() <= _SAME,
     }
-    edits = []
+    place = end - (2 if text[end - 2 : end] == b"/>" else 1)
+    place -= len(text[span.origin : place]) - len(text[span.origin : place].rstrip())
+    edits, added = [], ""
     for name, values in (("xyz", xyz), ("rpy", rpy)):
         if same[name]:
             continue
@@ -74,10 +76,8 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
             start, stop = values_at[name.encode()]
             edits.append((start + 1, stop - 1, numbers(values).encode()))
         else:
-            place = end - (2 if text[end - 2 : end] == b"/>" else 1)
-            place -= len(text[:place]) - len(text[:place].rstrip())
-            edits.append((place, place, f' {name}="{numbers(values)}"'.encode()))
-    return edits
+            added += f' {name}="{numbers(values)}"'
+    return [*edits, (place, place, added.encode())]
 
 
 def _new_origin(text: bytes, tag: int, xyz: Vector, rpy: Vector) -> tuple[int, int, bytes]:

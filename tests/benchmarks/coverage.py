@@ -32,7 +32,7 @@ TABLE_I = np.array(  # a [mm], d [mm], alpha [deg], theta [deg]
         [0, 0, 90, 0],
     ]
 ) * np.array([MM, MM, DEG, DEG])
-MOUNT = (50 * MM, 0.0, 0.0, 0.0, 180 * DEG)  # Trans x, Trans z, Rot x, Rot y, Rot z
+MOUNT = (50 * MM, 0.0, 0.0, 180 * DEG)  # the SLM row; its errors are Trans x, Trans z of this row, then Rot x, Rot y, Rot z of the module
 BEAMS = (-30 * DEG, 30 * DEG)
 NAMES = [f"joint{joint}.{name}" for joint in range(1, 8) for name in ("d_a", "d_d", "d_alpha", "d_theta")] + [
     f"slm.{name}" for name in ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
@@ -77,7 +77,8 @@ def spots(x: Array, q: Array) -> Array:
     T = np.eye(4)
     for (a, d, alpha, theta), angle in zip(rows, q.T, strict=True):
         T = T @ slide(0, a) @ slide(2, d) @ turn(0, alpha) @ turn(2, theta + angle)
-    mount = slide(0, MOUNT[0]) @ turn(2, MOUNT[4]) @ slide(0, mx) @ slide(2, mz) @ turn(0, rx) @ turn(1, ry) @ turn(2, rz)
+    a, d, alpha, theta = MOUNT
+    mount = slide(0, a + mx) @ slide(2, d + mz) @ turn(0, alpha) @ turn(2, theta) @ turn(0, rx) @ turn(1, ry) @ turn(2, rz)
     return spots_of(np.stack([T @ mount @ turn(0, beam) for beam in BEAMS], axis=1))[0]
 
 
