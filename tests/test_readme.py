@@ -1,0 +1,65 @@
+"""What the README shows is run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from urdfcal.gauge import build_error_model
+from urdfcal.rig_file import read_rig_file
+from urdfcal.robot import Robot
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text("utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    """Code blocks of a language."""
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that has the checkout's robots and nothing else."""
+    (tmp_path / "robots").symlink_to(ROOT / "robots")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("block", blocks("python"))
+def test_python_blocks_run(block: str, checkout: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every Python block runs as it stands."""
+    exec(compile(block, "README.md", "exec"), {})
+    assert "joint1.d_a" in capsys.readouterr().out
+    assert (checkout / "arm7_calibrated.urdf").exists()
+
+
+@pytest.mark.parametrize("block", blocks("yaml"))
+def test_rig_blocks_are_taken(block: str, tmp_path: Path, robots: dict[str, Robot]) -> None:
+    """Every rig.yaml in the README is read and fits arm7."""
+    path = tmp_path / "rig.yaml"
+    path.write_text(block)
+    errors = build_error_model(robots["arm7"].chain, robots["arm7"].rig, read_rig_file(path).options())
+    assert "joint2.d_a" not in errors.names
+
+
+def test_the_output_shown_is_the_output(run_cli: Callable[..., object]) -> None:
+    """The tables printed under the first command are what it prints today."""
+    done = run_cli("fit", ROOT / "robots" / "arm7" / "arm7.urdf.xacro", ROOT / "robots" / "arm7" / "measurements.csv")
+    printed = [line.rstrip() for line in done.out.splitlines()]  # type: ignore[attr-defined]
+    shown = re.search(r"and prints\n\n(.*?)\n\nA sigma", README, re.DOTALL)
+    assert shown
+    lines = [line.removeprefix("    ").rstrip() for line in shown[1].splitlines()]
+    missing = [line for line in lines if line and line != "..." and line not in printed]
+    assert missing == []
+
+
+def test_every_command_is_in_the_table(run_cli: Callable[..., object]) -> None:
+    """The README's table of commands has every command of --help."""
+    listed = re.search(r"Commands:\n(.*)", run_cli("--help").out, re.DOTALL)  # type: ignore[attr-defined]
+    assert listed
+    commands = set(re.findall(r"^  (\w+) ", listed[1], re.MULTILINE)) - {"version"}
+    assert commands == set(re.findall(r"^\| `urdfcal (\w+)", README, re.MULTILINE))
