@@ -11,9 +11,9 @@ import pytest
 import urdfcal
 from tests.helpers import assert_poses_close
 from urdfcal.calibration import evaluate, fit, with_test
-from urdfcal.fit_result import rms_mm
 from urdfcal.error_model import FLAT, ErrorModel, PriorScale
 from urdfcal.errors import FitRejected, RobotError, ShapeMismatch, UsageError
+from urdfcal.fit_result import rms_mm
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.paper import paper_poses

@@ -25,7 +25,10 @@ NAMES = ["base_mount", "turn", "lift", "slide", "slm_mount", "laser_1_mount"]
 def stored(tmp_path: Path, rng: np.random.Generator) -> StoredCalibration:
     """A calibration of the small robot with errors of centimetres and degrees, after its way through a file."""
     joints = robot_of(URDF).tree.joints
-    corrections = {name: OriginCorrection(joints[name].origin, joints[name].origin * pin.exp6(rng.normal(0, 0.02, 6)), joints[name].moves) for name in NAMES}
+    corrections = {
+        name: OriginCorrection(joints[name].origin, joints[name].origin * pin.exp6(rng.normal(0, 0.02, 6)), joints[name].moves)
+        for name in NAMES
+    }
     (tmp_path / "c.yaml").write_text(yaml.safe_dump({"joints": joint_entries(corrections)}))
     found = read_calibration(tmp_path / "c.yaml")
     for name, correction in corrections.items():
@@ -57,8 +60,12 @@ def test_a_nominal_robot_gets_the_corrected_origins(stored: StoredCalibration) -
 
 def test_a_robot_that_has_changed_elsewhere_gets_them_too(stored: StoredCalibration) -> None:
     """Another name, another mesh, another comment and rounding far under a micrometre are no obstacle."""
-    text = URDF.replace('name="small"', 'name="other"').replace("-1.4 0 -0.1", "-1.4000000000001 0 -0.1").replace("<axis", "<!-- new --><axis")
-    assert_poses_close(put_on(robot_of(text), stored).tree.joints["base_mount"].origin, stored.corrections["base_mount"].corrected, mm=1e-11)
+    text = (
+        URDF.replace('name="small"', 'name="other"').replace("-1.4 0 -0.1", "-1.4000000000001 0 -0.1").replace("<axis", "<!-- new --><axis")
+    )
+    assert_poses_close(
+        put_on(robot_of(text), stored).tree.joints["base_mount"].origin, stored.corrections["base_mount"].corrected, mm=1e-11
+    )
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -131,11 +138,20 @@ BAD = {
     "no joints": ("joints: {}", ":1: entry 'joints': Dictionary should have at least 1 item"),
     "joints list": ("joints: [1]", ":1: entry 'joints': Input should be a valid dictionary"),
     "joint word": ("joints:\n  a: b", ":2: entry 'joints.a': Input should be a valid dictionary"),
-    "no corrected": ("joints:\n  a: {moves: true, nominal: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}", ":2: entry 'joints.a.corrected': Field required"),
+    "no corrected": (
+        "joints:\n  a: {moves: true, nominal: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}",
+        ":2: entry 'joints.a.corrected': Field required",
+    ),
     "no moves": (f"joints:\n  a: {ENTRY}".replace("moves: true, ", ""), ":2: entry 'joints.a.moves': Field required"),
     "two numbers": (f"joints:\n  a: {ENTRY}".replace("[0, 0, 0]", "[0, 0]", 1), ":2: entry 'joints.a.nominal.xyz.2': Field required"),
-    "word": (f"joints:\n  a: {ENTRY}".replace("[0, 0, 0]", "[0, x, 0]", 1), ":2: entry 'joints.a.nominal.xyz.1': Input should be a valid number"),
-    "nan": (f"joints:\n  a: {ENTRY}".replace("[0, 0, 0]", "[0, .nan, 0]", 1), ":2: entry 'joints.a.nominal.xyz.1': Input should be a finite number"),
+    "word": (
+        f"joints:\n  a: {ENTRY}".replace("[0, 0, 0]", "[0, x, 0]", 1),
+        ":2: entry 'joints.a.nominal.xyz.1': Input should be a valid number",
+    ),
+    "nan": (
+        f"joints:\n  a: {ENTRY}".replace("[0, 0, 0]", "[0, .nan, 0]", 1),
+        ":2: entry 'joints.a.nominal.xyz.1': Input should be a finite number",
+    ),
     "twice": (f"joints:\n  a: {ENTRY}\n  a: {ENTRY}", ":3: the entry 'a' stands twice"),
 }
 

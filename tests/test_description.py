@@ -22,7 +22,9 @@ def xacro(folder: Path, body: str, name: str = "r.xacro") -> Path:
 
 def test_a_plain_urdf_is_its_own_bytes(tmp_path: Path) -> None:
     """A URDF is taken byte for byte, also where a comment speaks of xacro."""
-    text = b"\xef\xbb\xbf" + URDF.replace("\n", "\r\n").replace("<link", "<!-- <xacro:include filename='old.xacro'/> -->\r\n<link", 1).encode()
+    text = (
+        b"\xef\xbb\xbf" + URDF.replace("\n", "\r\n").replace("<link", "<!-- <xacro:include filename='old.xacro'/> -->\r\n<link", 1).encode()
+    )
     (tmp_path / "small.urdf").write_bytes(text)
     description = read_description(tmp_path / "small.urdf")
     assert (description.text, description.expanded, description.stem) == (text, False, "small")
@@ -167,12 +169,17 @@ def test_broken_xacro_is_one_line(tmp_path: Path, body: str, capfd: pytest.Captu
 
 def test_an_optional_include_may_be_missing(tmp_path: Path) -> None:
     """An include marked optional is passed over when its file is not there."""
-    assert b'<link name="a"/>' in read_description(xacro(tmp_path, '<xacro:include filename="nope.xacro" optional="true"/><link name="a"/>')).text
+    assert (
+        b'<link name="a"/>'
+        in read_description(xacro(tmp_path, '<xacro:include filename="nope.xacro" optional="true"/><link name="a"/>')).text
+    )
 
 
 def test_what_xacro_prints_reaches_nobody(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Messages and warnings of xacro go neither to stdout nor to stderr."""
-    read_description(xacro(tmp_path, '<xacro:property name="pi" value="3"/><link name="a${xacro.message(\'hello\')}${xacro.warning(\'careful\')}"/>'))
+    read_description(
+        xacro(tmp_path, '<xacro:property name="pi" value="3"/><link name="a${xacro.message(\'hello\')}${xacro.warning(\'careful\')}"/>')
+    )
     assert capfd.readouterr() == ("", "")
 
 
@@ -208,13 +215,13 @@ def test_text_that_is_no_xml_is_refused(tmp_path: Path, text: bytes) -> None:
 @pytest.mark.parametrize("name", ["nope.urdf", "nope.xacro", "."])
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path, name: str) -> None:
     """A missing file, or a folder, is refused by name."""
-    with pytest.raises(RobotError, match="cannot be read: (No such file|Is a directory)"):
+    with pytest.raises(RobotError, match=r"cannot be read: (No such file|Is a directory)"):
         read_description(tmp_path / name)
 
 
 def test_a_missing_package_dir_is_refused(tmp_path: Path) -> None:
     """--package-dir must be a folder."""
-    with pytest.raises(RobotError, match="--package-dir .*nope: no such folder"):
+    with pytest.raises(RobotError, match=r"--package-dir .*nope: no such folder"):
         read_description(_written(tmp_path / "r.urdf", URDF), package_dirs=[tmp_path / "nope"])
 
 

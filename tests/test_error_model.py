@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 
 from tests.helpers import ROBOTS, assert_poses_close
-from urdfcal.error_model import MODELS
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.robot import Robot
+from urdfcal.slots import MODELS
 
 
 def rot(axis: int, angle: float) -> pin.SE3:

@@ -52,7 +52,10 @@ def test_entries_know_their_lines(tmp_path: Path) -> None:
 BAD = {
     "alias": ("a: &x [1]\nb: *x", ":2: the alias '*x' is refused; write the entry out"),
     "endless alias": ("a: &x [*x]", ":1: the alias '*x' is refused"),
-    "laughs": ("a: &a [x, x]\n" + "\n".join(f"{b}: &{b} [*{a}, *{a}, *{a}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)), ":2: the alias '*a' is refused"),
+    "laughs": (
+        "a: &a [x, x]\n" + "\n".join(f"{b}: &{b} [*{a}, *{a}, *{a}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)),
+        ":2: the alias '*a' is refused",
+    ),
     "twice": ("a: 1\nb: {c: 1,\n c: 2}", ":3: the entry 'c' stands twice"),
     "deep": ("\n" + "[" * 100_000, ":2: nested more than 30 levels deep"),
     "long number": ("a: 1\nb: 0x" + "f" * 5000, ":2: a number of 5002 digits"),

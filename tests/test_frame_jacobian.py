@@ -7,13 +7,13 @@ import pinocchio as pin
 import pytest
 
 from tests.helpers import ROBOTS, central_differences, poses_in_view
-from urdfcal.error_model import MODELS
 from urdfcal.errors import ShapeMismatch
 from urdfcal.frame_jacobian import ArmKinematics, laser_motion
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import six_screws
 from urdfcal.robot import Robot
 from urdfcal.sensors import spot_jacobian, spots_on_screen
+from urdfcal.slots import MODELS
 
 SCALES = [0.0, 1e-9, 1e-5, 1e-2, 0.1]
 

@@ -68,7 +68,12 @@ def test_every_optional_column_is_read(robot: Robot, tmp_path: Path) -> None:
     np.testing.assert_array_equal(data.sigma, [[np.nan, 0.002], [np.nan, np.nan]])
     assert data.session_names == ("monday", "")
     fit_set, test_set = data.split()
-    assert (list(fit_set.poses), list(test_set.poses), test_set.where(0), fit_set.where(0)) == (["2"], ["home"], f"{tmp_path}/m.csv:2", f"{tmp_path}/m.csv:3")
+    assert (list(fit_set.poses), list(test_set.poses), test_set.where(0), fit_set.where(0)) == (
+        ["2"],
+        ["home"],
+        f"{tmp_path}/m.csv:2",
+        f"{tmp_path}/m.csv:3",
+    )
 
 
 def test_a_beam_that_was_not_seen_leaves_the_other(robot: Robot, tmp_path: Path) -> None:
@@ -117,9 +122,18 @@ BAD = {
     "empty file": ("", ": the file has no header line; expected the joint names and <laser>.y, <laser>.z"),
     "comments alone": ("# a\n\n# b\n", ": the file has no header line"),
     "no rows": (f"\n{HEAD}\n# end\n", ":2: there is a header and no row; expected one row a pose"),
-    "joint missing": ("turn,slide,laser_1.y,laser_1.z\n0,0,0,0", ":1: column 'lift': is missing; expected a column for each joint on the way"),
-    "joint misspelt": (f"# c\n{HEAD}\n{ROW}".replace("slide", "slid"), ":2: column 'slide': is missing; expected a column for each joint on the way; did you mean 'slid'?"),
-    "z missing": ("turn,lift,slide,laser_1.y\n0,0,0,0", ":1: column 'laser_1.z': is missing; a spot of laser_1 needs laser_1.y and laser_1.z"),
+    "joint missing": (
+        "turn,slide,laser_1.y,laser_1.z\n0,0,0,0",
+        ":1: column 'lift': is missing; expected a column for each joint on the way",
+    ),
+    "joint misspelt": (
+        f"# c\n{HEAD}\n{ROW}".replace("slide", "slid"),
+        ":2: column 'slide': is missing; expected a column for each joint on the way; did you mean 'slid'?",
+    ),
+    "z missing": (
+        "turn,lift,slide,laser_1.y\n0,0,0,0",
+        ":1: column 'laser_1.z': is missing; a spot of laser_1 needs laser_1.y and laser_1.z",
+    ),
     "y missing": ("turn,lift,slide,laser_1.z\n0,0,0,0", ":1: column 'laser_1.y': is missing; a spot of laser_1 needs"),
     "no laser": ("turn,lift,slide\n0,0,0", ":1: column 'laser_1.y': is missing, and no other laser has columns"),
     "column twice": (f"{HEAD},turn\n{ROW},0", ":1: column 'turn': stands twice, in cells 1 and 8"),
@@ -127,30 +141,60 @@ BAD = {
     "empty name": (f"{HEAD},,x\n{ROW},0,0", ":1: cell 8 of the header is empty, expected a name"),
     "unit alone": (f"{HEAD},[mm]\n{ROW},0", ":1: column '[mm]': cell 8 of the header is empty, expected a name"),
     "bracket open": (f"{HEAD}\n{ROW}".replace("turn", "turn [deg"), ":1: column 'turn [deg': the unit has no closing bracket"),
-    "unit of an angle": (f"{HEAD}\n{ROW}".replace("turn", "turn [mm]"), ":1: column 'turn': unit 'mm' is not understood, expected rad or deg"),
-    "unit of a length": (f"{HEAD}\n{ROW}".replace("slide", "slide [cm]"), ":1: column 'slide': unit 'cm' is not understood, expected m or mm"),
-    "unit of a spot": (f"{HEAD}\n{ROW}".replace("laser_2.z", "laser_2.z [px]"), ":1: column 'laser_2.z': unit 'px' is not understood, expected m or mm"),
+    "unit of an angle": (
+        f"{HEAD}\n{ROW}".replace("turn", "turn [mm]"),
+        ":1: column 'turn': unit 'mm' is not understood, expected rad or deg",
+    ),
+    "unit of a length": (
+        f"{HEAD}\n{ROW}".replace("slide", "slide [cm]"),
+        ":1: column 'slide': unit 'cm' is not understood, expected m or mm",
+    ),
+    "unit of a spot": (
+        f"{HEAD}\n{ROW}".replace("laser_2.z", "laser_2.z [px]"),
+        ":1: column 'laser_2.z': unit 'px' is not understood, expected m or mm",
+    ),
     "empty unit": (f"{HEAD}\n{ROW}".replace("turn", "turn []"), ":1: column 'turn': unit '' is not understood"),
     "short row": (f"{HEAD}\n{ROW}\n0,0,0\n", ":3: the row has 3 cells, expected 7 as in the header"),
     "long row": (f"{HEAD}\n{ROW},1\n", ":2: the row has 8 cells, expected 7 as in the header; a decimal comma needs ; between the cells"),
-    "no number": (f"{HEAD}\n{row(lift='up')}", ":2: column 'lift': 'up' is not a number; expected the joint's position in rad (or say [deg]"),
+    "no number": (
+        f"{HEAD}\n{row(lift='up')}",
+        ":2: column 'lift': 'up' is not a number; expected the joint's position in rad (or say [deg]",
+    ),
     "underscore": (f"{HEAD}\n{row(lift='1_0')}", ":2: column 'lift': '1_0' is not a number"),
     "arabic digit": (f"{HEAD}\n" + row(lift="\u0661"), ":2: column 'lift': '\u0661' is not a number"),
     "two points": (f"{HEAD}\n{row(lift='1.234.5')}", ":2: column 'lift': '1.234.5' is not a number"),
-    "thousands": (f"{HEAD}\n{row(lift='1.234,5')}".replace(",", ";").replace("1.234;5", "1.234,5"), ":2: column 'lift': '1.234,5' is not a number"),
+    "thousands": (
+        f"{HEAD}\n{row(lift='1.234,5')}".replace(",", ";").replace("1.234;5", "1.234,5"),
+        ":2: column 'lift': '1.234,5' is not a number",
+    ),
     "empty joint": (f"{HEAD}\n{row(slide='')}", ":2: column 'slide': the cell is empty; expected the joint's position in m"),
     "nan joint": (f"{HEAD}\n{ROW}\n{row(turn='NaN')}", ":3: column 'turn': 'NaN' is not finite"),
-    "infinite spot": (f"{HEAD}\n{row(laser_1_y='-inf')}", ":2: column 'laser_1.y': '-inf' is not finite; leave both cells of a beam empty if it was not seen"),
+    "infinite spot": (
+        f"{HEAD}\n{row(laser_1_y='-inf')}",
+        ":2: column 'laser_1.y': '-inf' is not finite; leave both cells of a beam empty if it was not seen",
+    ),
     "overflow": (f"{HEAD}\n{row(laser_1_y='1e999')}", ":2: column 'laser_1.y': '1e999' is not finite"),
     "nan spot": (f"{HEAD}\n{row(laser_1_y='nan', laser_1_z='nan')}", ":2: column 'laser_1.y': 'nan' is not finite"),
     "lone y": (f"{HEAD}\n{ROW}\n{row(laser_2_z='')}", ":3: column 'laser_2.z': the cell is empty and the beam's other one is not"),
     "lone z": (f"{HEAD}\n{row(laser_1_y='')}", ":2: column 'laser_1.y': the cell is empty and the beam's other one is not"),
     "nothing seen": (f"{HEAD}\n0,0,0,,,,\n", ":2: column 'laser_1.y': every spot is empty; expected at least one that was seen"),
-    "sigma zero": (f"{HEAD},laser_1.sigma\n{ROW},1\n{ROW},0\n", ":3: column 'laser_1.sigma': '0' is not above zero; expected a standard deviation, or nothing"),
-    "sigma no number": (f"{HEAD},laser_1.sigma\n{ROW},small\n", ":2: column 'laser_1.sigma': 'small' is not a number; expected a standard deviation, or nothing"),
+    "sigma zero": (
+        f"{HEAD},laser_1.sigma\n{ROW},1\n{ROW},0\n",
+        ":3: column 'laser_1.sigma': '0' is not above 1e-12 m; expected a standard deviation, or nothing",
+    ),
+    "sigma no number": (
+        f"{HEAD},laser_1.sigma\n{ROW},small\n",
+        ":2: column 'laser_1.sigma': 'small' is not a number; expected a standard deviation, or nothing",
+    ),
     "set": (f"{HEAD},set\n{ROW},train\n", ":2: column 'set': 'train' is neither fit nor test"),
-    "degrees": (rows(3, turn="30"), ":2: column 'turn': 3 of 3 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the header"),
-    "degrees of a continuous joint": (rows(3, lift="-90"), ":2: column 'lift': 3 of 3 cells lie outside the limits -12.57 to 12.57 rad and inside them as degrees"),
+    "degrees": (
+        rows(3, turn="30"),
+        ":2: column 'turn': 3 of 3 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the header",
+    ),
+    "degrees of a continuous joint": (
+        rows(3, lift="-90"),
+        ":2: column 'lift': 3 of 3 cells lie outside the limits -12.57 to 12.57 rad and inside them as degrees",
+    ),
     "Latin-1": (f"# c\n{HEAD},gr\u00f6\u00dfe\n{ROW},0".encode("latin-1"), ":2: is not UTF-8 text; save it as CSV in UTF-8"),
     "UTF-16": (f"{HEAD}\n{ROW}".encode("utf-16"), ":1: is not UTF-8 text"),
     "endless cell": (f"{HEAD}\n{'1' * 200_000},0,0,0,0,0,0", ":2: cannot be split into cells: field larger than field limit"),
@@ -169,7 +213,7 @@ def test_bad_measurements_are_refused(case: str, robot: Robot, tmp_path: Path) -
 @pytest.mark.parametrize("name", ["nope.csv", "."])
 def test_a_file_that_cannot_be_read_is_refused(name: str, robot: Robot, tmp_path: Path) -> None:
     """A missing file or a folder is refused by name."""
-    with pytest.raises(MeasurementError, match="cannot be read: (No such file|Is a directory)"):
+    with pytest.raises(MeasurementError, match=r"cannot be read: (No such file|Is a directory)"):
         read_measurements(tmp_path / name, robot)
 
 
@@ -204,7 +248,15 @@ def random_measurements(robot: Robot, rng: np.random.Generator, n: int = 40) -> 
     spots[rng.random((n, 2)) < 0.2] = np.nan
     sigma = np.where(rng.random((n, 2)) < 0.3, np.nan, 10.0 ** rng.uniform(-5, -1, (n, 2)))
     labels = ["a,b", 'say "hi"', "x;y", "\u00fc 1"] * (n // 4)
-    return measurements_from(robot, rng.uniform(-0.5, 0.5, (n, 3)) * [1, 1, 0.2] + [0, 0, 0.15], spots, sigma=sigma, poses=labels, sets=["fit", "test"] * (n // 2), sessions=["", "2, b"] * (n // 2))
+    return measurements_from(
+        robot,
+        rng.uniform(-0.5, 0.5, (n, 3)) * [1, 1, 0.2] + [0, 0, 0.15],
+        spots,
+        sigma=sigma,
+        poses=labels,
+        sets=["fit", "test"] * (n // 2),
+        sessions=["", "2, b"] * (n // 2),
+    )
 
 
 def test_what_was_written_comes_back(robot: Robot, rng: np.random.Generator, tmp_path: Path) -> None:

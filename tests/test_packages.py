@@ -81,7 +81,7 @@ def test_package_xml_that_cannot_be_read_is_passed_over(tmp_path: Path) -> None:
 
 def test_a_package_that_is_nowhere_is_refused_with_the_way_out(tmp_path: Path) -> None:
     """The message names the package and the option to set."""
-    with pytest.raises(RobotError, match="package 'nope_description' was not found; .*--package-dir.*ROS_PACKAGE_PATH"):
+    with pytest.raises(RobotError, match=r"package 'nope_description' was not found; .*--package-dir.*ROS_PACKAGE_PATH"):
         find_package("nope_description", [tmp_path])
 
 

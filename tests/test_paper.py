@@ -7,8 +7,8 @@ import pytest
 
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.paper import Line, cases, paper_poses, paper_tables, paper_truth
-from urdfcal.report import as_text
 from urdfcal.paper_report import paper_blocks, paper_json
+from urdfcal.report import as_text
 from urdfcal.robot import Robot
 
 

@@ -58,21 +58,47 @@ BAD = {
     "word": ("screen", ":1: holds a str, expected entries"),
     "unknown": ("screen: wall\nlaser: [a]\n", ":2: entry 'laser' is unknown; did you mean 'lasers'?"),
     "unknown below": ("noise:\n  spot: 1\n", ":2: entry 'noise.spot' is unknown; did you mean 'spot_mm'?"),
-    "unknown parameter entry": ("parameters:\n  joint1.d_a: {sigma: 1}\n", ":2: entry 'parameters.joint1.d_a.sigma' is unknown; did you mean 'sigma_mm'?"),
-    "model": ("error_model: denavit", ":1: entry 'error_model': Input should be 'auto', 'dh', 'hayati', 'placement' or 'offset', found 'denavit'"),
-    "model of a joint": ("error_models:\n  lift: auto", ":2: entry 'error_models.lift': Input should be 'dh', 'hayati', 'placement' or 'offset', found 'auto'"),
+    "unknown parameter entry": (
+        "parameters:\n  joint1.d_a: {sigma: 1}\n",
+        ":2: entry 'parameters.joint1.d_a.sigma' is unknown; did you mean 'sigma_mm'?",
+    ),
+    "model": (
+        "error_model: denavit",
+        ":1: entry 'error_model': Input should be 'auto', 'dh', 'hayati', 'placement' or 'offset', found 'denavit'",
+    ),
+    "model of a joint": (
+        "error_models:\n  lift: auto",
+        ":2: entry 'error_models.lift': Input should be 'dh', 'hayati', 'placement' or 'offset', found 'auto'",
+    ),
     "estimate": ("estimate: [beam]", ":1: entry 'estimate.0': Input should be 'beams', 'beams4' or 'screen', found 'beam'"),
     "lasers": ("lasers: laser_1", ":1: entry 'lasers': Input should be a valid list, found 'laser_1'"),
-    "noise zero": ("noise: {spot_mm: 0}", ":1: entry 'noise.spot_mm': Input should be greater than 0, found 0"),
+    "noise zero": ("noise: {spot_mm: 0}", ":1: entry 'noise.spot_mm': Input should be greater than"),
     "noise infinite": ("noise: {spot_mm: .inf}", ":1: entry 'noise.spot_mm': Input should be a finite number, found inf"),
-    "noise word": ("noise: {spot_mm: 1mm}", ":1: entry 'noise.spot_mm': Input should be a valid number, unable to parse string as a number, found '1mm'"),
+    "noise word": (
+        "noise: {spot_mm: 1mm}",
+        ":1: entry 'noise.spot_mm': Input should be a valid number, unable to parse string as a number, found '1mm'",
+    ),
     "noise negative": ("noise: {joint_deg: -1}", ":1: entry 'noise.joint_deg': Input should be greater than or equal to 0, found -1"),
-    "prior": ("priors: {joint: 1mm}", ":1: entry 'priors': '1mm' is not a prior; expected a length and an angle such as 10mm,1deg, or flat"),
-    "prior of nothing": ("priors: {tool: '1mm,1deg'}", ":1: entry 'priors.tool': Input should be 'joint', 'mount', 'screen' or 'beam', found 'tool'"),
-    "both units": ("parameters:\n  a.b: {value_mm: 1, sigma_deg: 1}", ":2: entry 'parameters': a parameter is a length or an angle, not both; use _mm or _deg"),
-    "sigma negative": ("parameters: {a.b: {sigma_mm: -1}}", ":1: entry 'parameters.a.b.sigma_mm': Input should be greater than 0, found -1"),
-    "fixed": ("parameters: {a.b: {fixed: perhaps}}", ":1: entry 'parameters.a.b.fixed': Input should be a valid boolean, unable to interpret input, found 'perhaps'"),
+    "prior": (
+        "priors: {joint: 1mm}",
+        ":1: entry 'priors': '1mm' is not a prior; expected a length and an angle such as 10mm,1deg, or flat",
+    ),
+    "prior of nothing": (
+        "priors: {tool: '1mm,1deg'}",
+        ":1: entry 'priors.tool': Input should be 'joint', 'mount', 'screen' or 'beam', found 'tool'",
+    ),
+    "both units": (
+        "parameters:\n  a.b: {value_mm: 1, sigma_deg: 1}",
+        ":2: entry 'parameters': a parameter is a length or an angle, not both; use _mm or _deg",
+    ),
+    "sigma negative": ("parameters: {a.b: {sigma_mm: -1}}", ":1: entry 'parameters.a.b.sigma_mm': Input should be greater than"),
+    "fixed": (
+        "parameters: {a.b: {fixed: perhaps}}",
+        ":1: entry 'parameters.a.b.fixed': Input should be a valid boolean, unable to interpret input, found 'perhaps'",
+    ),
     "huge": (f"noise: {{spot_mm: {'9' * 99}{'9' * 99}{'9' * 99}{'9' * 99}}}", ":1: a number of 396 digits"),
+    "tiny prior": ("priors: {joint: '1e-300mm,1deg'}", ":1: entry 'priors': '1e-300mm,1deg' is no size that an error can have"),
+    "tiny sigma": ("parameters: {a.b: {sigma_mm: 1e-300}}", ":1: entry 'parameters.a.b.sigma_mm': Input should be greater than"),
     "number as link": ("screen: 5", ":1: entry 'screen': Input should be a valid string, found 5"),
 }
 

@@ -46,21 +46,38 @@ def assert_beams_agree(robot: Robot, positions: Mapping[str, float]) -> None:
 @pytest.mark.parametrize("axis", ["1 0 0", "0 1 0", "0 0 1", "0 0 -1", "-3 0 0", "1 2 -3", "1e-3 0 1e-3"])
 def test_axes_of_any_direction_and_length(kind: str, axis: str) -> None:
     """A joint of each kind moves along its axis whatever its direction and length."""
-    text = robot_text(joint("j1", "screen", "a", f'<axis xyz="{axis}"/><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>', kind=kind), joint("f", "a", "c", kind="fixed"), LASERS)
+    text = robot_text(
+        joint("j1", "screen", "a", f'<axis xyz="{axis}"/><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>', kind=kind),
+        joint("f", "a", "c", kind="fixed"),
+        LASERS,
+    )
     robot = robot_of(text)
     assert_beams_agree(robot, {"j1": 0.7})
 
 
 def test_a_branch_off_the_way_is_left_alone() -> None:
     """A gripper beside the lasers needs no column, and moves no beam."""
-    robot = robot_of(robot_text(joint("j1", "screen", "a", TILT), joint("side", "a", "b", LIFT), joint("finger", "b", "d", kind="prismatic"), joint("j2", "a", "c", LIFT), LASERS))
+    robot = robot_of(
+        robot_text(
+            joint("j1", "screen", "a", TILT),
+            joint("side", "a", "b", LIFT),
+            joint("finger", "b", "d", kind="prismatic"),
+            joint("j2", "a", "c", LIFT),
+            LASERS,
+        )
+    )
     assert robot.chain.input_names == ("j1", "j2")
     assert_beams_agree(robot, {"j1": 0.3, "j2": -0.8, "side": 0.0, "finger": 0.0})
 
 
 def test_the_screen_may_stand_on_a_branch() -> None:
     """With screen and lasers on two branches of one root, the joints of the screen's branch are walked backward."""
-    text = '<link name="root"/>' + joint("to_b", "root", "b", TILT, kind="fixed") + joint("s1", "b", "d", LIFT) + joint("s2", "d", "screen", TILT, kind="prismatic")
+    text = (
+        '<link name="root"/>'
+        + joint("to_b", "root", "b", TILT, kind="fixed")
+        + joint("s1", "b", "d", LIFT)
+        + joint("s2", "d", "screen", TILT, kind="prismatic")
+    )
     text += joint("j1", "b", "a", LIFT) + joint("j2", "a", "c", TILT, kind="continuous") + LASERS
     robot = robot_of(robot_text(text))
     assert robot.chain.input_names == ("s2", "s1", "j1", "j2")
@@ -70,7 +87,15 @@ def test_the_screen_may_stand_on_a_branch() -> None:
 
 def test_the_screen_may_be_carried_and_the_lasers_fixed() -> None:
     """A screen in the gripper before lasers on the wall is the same case."""
-    robot = robot_of(robot_text(LASERS, joint("j1", "c", "a", TILT), joint("j2", "a", "b", LIFT), joint("s", "b", "screen", TILT, kind="fixed"), links="c a b screen laser_1 laser_2"))
+    robot = robot_of(
+        robot_text(
+            LASERS,
+            joint("j1", "c", "a", TILT),
+            joint("j2", "a", "b", LIFT),
+            joint("s", "b", "screen", TILT, kind="fixed"),
+            links="c a b screen laser_1 laser_2",
+        )
+    )
     assert robot.tree.root == "c"
     assert robot.chain.input_names == ("j2", "j1")
     assert_beams_agree(robot, {"j1": -0.6, "j2": 1.1})
@@ -94,7 +119,12 @@ def test_mimic_joints_follow_without_a_column() -> None:
 def test_a_leader_off_the_way_is_measured() -> None:
     """Where only the follower is on the way, the leader's column is asked for; backward the sign turns."""
     robot = robot_of(
-        robot_text(joint("lead", "c", "d", kind="prismatic"), joint("j1", "c", "a", LIFT, '<mimic joint="lead" multiplier="3" offset="0.2"/>'), joint("s", "a", "screen", kind="fixed"), LASERS)
+        robot_text(
+            joint("lead", "c", "d", kind="prismatic"),
+            joint("j1", "c", "a", LIFT, '<mimic joint="lead" multiplier="3" offset="0.2"/>'),
+            joint("s", "a", "screen", kind="fixed"),
+            LASERS,
+        )
     )
     assert robot.chain.input_names == ("lead",)
     assert_beams_agree(robot, {"lead": 0.25, "j1": 0.95})
@@ -124,16 +154,36 @@ def test_lasers_are_taken_in_the_order_of_their_numbers() -> None:
 
 
 FLOAT = joint("free", "a", "b", kind="floating")
-TWO_LINKS = joint("j1", "screen", "a") + joint("j2", "a", "b") + joint("m1", "a", "laser_1", kind="fixed") + joint("m2", "b", "laser_2", kind="fixed")
+TWO_LINKS = (
+    joint("j1", "screen", "a")
+    + joint("j2", "a", "b")
+    + joint("m1", "a", "laser_1", kind="fixed")
+    + joint("m2", "b", "laser_2", kind="fixed")
+)
 REFUSED = {
-    "floating": (joint("j1", "screen", "a") + FLOAT + joint("j2", "b", "c") + LASERS, "joint 'free' on the way from 'screen' to 'c' is floating; expected revolute"),
-    "planar": (joint("j1", "screen", "a") + FLOAT.replace("floating", "planar") + joint("j2", "b", "c") + LASERS, "joint 'free' on the way from 'screen' to 'c' is planar"),
-    "floating before the lasers": (joint("j1", "screen", "a") + FLOAT + joint("f", "b", "c", kind="fixed") + LASERS, "joint 'free' on the way from 'screen' to 'c' is floating"),
-    "floating laser": (joint("j1", "screen", "c") + LASERS.replace('name="m1" type="fixed"', 'name="m1" type="floating"'), "all lasers must sit on one moving link"),
+    "floating": (
+        joint("j1", "screen", "a") + FLOAT + joint("j2", "b", "c") + LASERS,
+        "joint 'free' on the way from 'screen' to 'c' is floating; expected revolute",
+    ),
+    "planar": (
+        joint("j1", "screen", "a") + FLOAT.replace("floating", "planar") + joint("j2", "b", "c") + LASERS,
+        "joint 'free' on the way from 'screen' to 'c' is planar",
+    ),
+    "floating before the lasers": (
+        joint("j1", "screen", "a") + FLOAT + joint("f", "b", "c", kind="fixed") + LASERS,
+        "joint 'free' on the way from 'screen' to 'c' is floating",
+    ),
+    "floating laser": (
+        joint("j1", "screen", "c") + LASERS.replace('name="m1" type="fixed"', 'name="m1" type="floating"'),
+        "all lasers must sit on one moving link",
+    ),
     "two links": (TWO_LINKS, "all lasers must sit on one moving link, found laser_1 on a, laser_2 on b; choose with --laser"),
     "no screen": (joint("j1", "a", "c") + LASERS, "no link named 'screen' among 4 links"),
     "no laser": (joint("j1", "screen", "c"), "no link named laser_<digits>; name the lasers with --laser LINK"),
-    "nothing moves": (joint("j1", "screen", "c", kind="fixed") + LASERS, "no moving joint between the screen 'screen' and the laser 'laser_1'"),
+    "nothing moves": (
+        joint("j1", "screen", "c", kind="fixed") + LASERS,
+        "no moving joint between the screen 'screen' and the laser 'laser_1'",
+    ),
     "laser is the moving link": (joint("j1", "screen", "laser_1"), "laser 'laser_1' hangs on no fixed joint"),
 }
 
@@ -151,7 +201,10 @@ def test_links_are_chosen_by_name() -> None:
     text = joint("j1", "d", "c", TILT) + joint("m", "c", "a", kind="fixed")
     description = robot_of(robot_text(text)).description
     assert robot_from(description, screen="d", lasers=["a"]).chain.input_names == ("j1",)
-    for wrong, message in ((["b"], r"no link named 'b' among 3 links; there are: d?.*choose with --laser LINK"), (["a", "a"], "a laser is named twice: a, a")):
+    for wrong, message in (
+        (["b"], r"no link named 'b' among 3 links; there are: d?.*choose with --laser LINK"),
+        (["a", "a"], "a laser is named twice: a, a"),
+    ):
         with pytest.raises(RigError, match=message):
             _ = robot_from(description, screen="d", lasers=wrong).rig
 

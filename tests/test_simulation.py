@@ -8,7 +8,17 @@ import pytest
 from urdfcal.errors import UsageError
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.robot import Robot
-from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, joint_limits, noise_from, random_truth, simulate, stated_truth, true_spots
+from urdfcal.simulation import (
+    ScreenArea,
+    SimulatedNoise,
+    draw_poses,
+    joint_limits,
+    noise_from,
+    random_truth,
+    simulate,
+    stated_truth,
+    true_spots,
+)
 
 
 def test_noise_has_the_stated_size(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -35,7 +35,11 @@ def test_every_number_of_a_joint_is_read() -> None:
 
 def test_what_a_urdf_may_leave_out_has_the_format_s_defaults() -> None:
     """No origin is the identity, no axis is x, a mimic's multiplier is 1 and its offset 0."""
-    tree = robot_of(robot_text(joint("j1", "screen", "a"), joint("j2", "a", "b", '<mimic joint="j1"/>'), joint("j3", "b", "c", '<origin rpy="0 0 1"/><axis/>'))).tree
+    tree = robot_of(
+        robot_text(
+            joint("j1", "screen", "a"), joint("j2", "a", "b", '<mimic joint="j1"/>'), joint("j3", "b", "c", '<origin rpy="0 0 1"/><axis/>')
+        )
+    ).tree
     assert (tree.joints["j1"].xyz, tree.joints["j1"].rpy, tree.joints["j1"].axis) == ((0, 0, 0), (0, 0, 0), (1, 0, 0))
     assert tree.joints["j2"].mimic == Mimic("j1", 1.0, 0.0)
     assert (tree.joints["j3"].xyz, tree.joints["j3"].rpy, tree.joints["j3"].axis) == ((0, 0, 0), (0, 0, 1), (1, 0, 0))
@@ -58,7 +62,10 @@ def test_numbers_may_be_written_as_xml_allows() -> None:
 BAD = {
     "no link": ('<robot name="r"/>', "there is no <link> under <robot>"),
     "other document": ("<sdf><model/></sdf>", ":1: the document is a <sdf>, expected a URDF with <robot>"),
-    "default namespace": (replaced("<robot", '<robot xmlns="http://x.org"'), ":1: <robot> is in the default namespace 'http://x.org', expected none; remove xmlns"),
+    "default namespace": (
+        replaced("<robot", '<robot xmlns="http://x.org"'),
+        ":1: <robot> is in the default namespace 'http://x.org', expected none; remove xmlns",
+    ),
     "namespace below": (replaced("<axis", '<axis xmlns="u"'), ": <axis> is in the default namespace 'u'"),
     "link twice": (replaced('<link name="c"/>', '<link name="c"/>\n<link name="c"/>'), ":4: link 'c' is declared twice, first on line 3"),
     "joint twice": (GOOD.replace("</robot>", joint("j1", "c", "d") + "</robot>"), ":9: joint 'j1' is declared twice, first on line 6"),
@@ -69,7 +76,10 @@ BAD = {
     "no parent": (replaced('<parent link="screen"/>', ""), ":6: joint 'j1' has no <parent link=...>"),
     "no child": (replaced('<child link="laser_1"/>', ""), ":7: joint 'm1' has no <child link=...>"),
     "parent without link": (replaced('<parent link="screen"/>', "<parent/>"), ":6: joint 'j1': <parent> has no link"),
-    "unknown link": (replaced('<child link="laser_1"/>', '<child link="laser1"/>'), ":7: joint 'm1': no link named 'laser1' among 4 links; did you mean 'laser_"),
+    "unknown link": (
+        replaced('<child link="laser_1"/>', '<child link="laser1"/>'),
+        ":7: joint 'm1': no link named 'laser1' among 4 links; did you mean 'laser_",
+    ),
     "two numbers": (replaced('xyz="0 0 1"', 'xyz="0 1"'), """:6: joint 'j1': xyz="0 1" has 2 numbers, expected 3"""),
     "comma": (replaced('xyz="0 0 1"', 'xyz="0,0,1"'), """xyz="0,0,1" has 1 numbers, expected 3"""),
     "no number": (replaced('xyz="0 0 1"', 'xyz="0 0 one"'), """:6: joint 'j1': xyz="0 0 one": 'one' is not a finite number"""),
@@ -79,21 +89,37 @@ BAD = {
     "no axis": (replaced('xyz="0 0 1"', 'xyz="0 0 0"'), ":6: joint 'j1': the axis has no length, expected a direction such as 0 0 1"),
     "two axes": (replaced("<axis", '<axis xyz="1 0 0"/><axis'), ":6: joint 'j1' has 2 <axis>, expected one"),
     "two origins": (replaced("<axis", "<origin/><origin/><axis"), ":6: joint 'j1' has 2 <origin>, expected one"),
-    "no limit": (re.sub("<limit.*?/>", "", GOOD), ":6: joint 'j1' is revolute and has no <limit>; add lower, upper, effort and velocity, or make it continuous"),
+    "no limit": (
+        re.sub("<limit.*?/>", "", GOOD),
+        ":6: joint 'j1' is revolute and has no <limit>; add lower, upper, effort and velocity, or make it continuous",
+    ),
     "no effort": (replaced('effort="1"', ""), ":6: joint 'j1': <limit> has no effort"),
     "limit no number": (replaced('lower="-9"', 'lower="-90deg"'), ":6: joint 'j1': <limit> lower: '-90deg' is not a finite number"),
     "limits crossed": (replaced('lower="-9"', 'lower="10"'), ":6: joint 'j1': its lower limit 10 is above its upper limit 9"),
-    "two parents": (replaced("</robot>", joint("j2", "screen", "c") + "</robot>"), ":9: link 'c' is the child of two joints, 'j1' and 'j2'"),
-    "two roots": (replaced('<link name="c"/>', '<link name="c"/><link name="lost"/>'), "2 links have no parent joint (screen, lost), expected one root"),
+    "two parents": (
+        replaced("</robot>", joint("j2", "screen", "c") + "</robot>"),
+        ":9: link 'c' is the child of two joints, 'j1' and 'j2'",
+    ),
+    "two roots": (
+        replaced('<link name="c"/>', '<link name="c"/><link name="lost"/>'),
+        "2 links have no parent joint (screen, lost), expected one root",
+    ),
     "loop": (GOOD.replace('link="screen"', 'link="c"'), "joint 'j1' closes a loop; expected a tree"),
     "loop of all": (robot_text(joint("j1", "a", "b"), joint("j2", "b", "a")), "closes a loop; expected a tree"),
     "mimic unknown": (replaced("<axis", '<mimic joint="j2"/><axis'), ":6: joint 'j1' mimics: no joint named 'j2'"),
     "mimic itself": (replaced("<axis", '<mimic joint="j1"/><axis'), ":6: joint 'j1' mimics itself"),
     "mimic fixed": (replaced("<axis", '<mimic joint="m1"/><axis'), ":6: joint 'j1' mimics 'm1', which is fixed and has no position"),
     "mimic nothing": (replaced("<axis", "<mimic/><axis"), ":6: joint 'j1': <mimic> has no joint"),
-    "mimic number": (replaced("<axis", '<mimic joint="j1" multiplier="x"/><axis'), ":6: joint 'j1': <mimic> multiplier: 'x' is not a finite number"),
+    "mimic number": (
+        replaced("<axis", '<mimic joint="j1" multiplier="x"/><axis'),
+        ":6: joint 'j1': <mimic> multiplier: 'x' is not a finite number",
+    ),
     "mimic loop": (
-        robot_text(joint("j1", "screen", "a", '<mimic joint="j2"/>'), joint("j2", "a", "b", '<mimic joint="j3"/>'), joint("j3", "b", "c", '<mimic joint="j1"/>')),
+        robot_text(
+            joint("j1", "screen", "a", '<mimic joint="j2"/>'),
+            joint("j2", "a", "b", '<mimic joint="j3"/>'),
+            joint("j3", "b", "c", '<mimic joint="j1"/>'),
+        ),
         "joint 'j1' mimics itself",
     ),
 }

@@ -105,33 +105,61 @@ HOSTILE = {
     "single quotes": MARKED.replace('"', "'").replace("'N'", '"N"'),
     "byte-order mark": "\ufeff" + MARKED,
     "no declaration": MARKED.removeprefix('<?xml version="1.0"?>\n'),
-    "CDATA": changed("<link name=\"tool\"/>", '<link name="tool"/><gazebo><![CDATA[<joint name="turn"><origin xyz="1 1 1"/></joint>]]></gazebo>'),
+    "CDATA": changed(
+        '<link name="tool"/>', '<link name="tool"/><gazebo><![CDATA[<joint name="turn"><origin xyz="1 1 1"/></joint>]]></gazebo>'
+    ),
     "origin over three lines": changed(MARKED_TURN, '<origin\n      xyz="«0 0 0.2»"\n      rpy="«0 0 0»"\n    />'),
-    "missing origin": changed("\n    " + MARKED_TURN, "").replace('<joint name="turn" type="revolute">', '<joint name="turn" type="revolute">§\n    <origin xyz="N" rpy="N"/>§'),
-    "missing origin on one line": changed(f"    {MARKED_TURN}\n", "").replace('<joint name="turn" type="revolute">\n    <parent', '<joint name="turn" type="revolute">§<origin xyz="N" rpy="N"/>§<parent'),
+    "missing origin": changed("\n    " + MARKED_TURN, "").replace(
+        '<joint name="turn" type="revolute">', '<joint name="turn" type="revolute">§\n    <origin xyz="N" rpy="N"/>§'
+    ),
+    "missing origin on one line": changed(f"    {MARKED_TURN}\n", "").replace(
+        '<joint name="turn" type="revolute">\n    <parent', '<joint name="turn" type="revolute">§<origin xyz="N" rpy="N"/>§<parent'
+    ),
     "empty origin": changed(MARKED_TURN, '<origin§ xyz="N"§§ rpy="N"§/>'),
     "open and shut origin": changed(MARKED_TURN, '<origin§ xyz="N"§§ rpy="N"§></origin>'),
     "origin with content": changed(MARKED_TURN, '<origin xyz="«0 0 0.2»"§ rpy="N"§  ><!-- > --></origin  >'),
-    "comment with an origin": changed(MARKED_TURN, f'<!-- <origin xyz="7 7 7" rpy="1 1 1"/> -->{MARKED_TURN}<!-- <origin xyz="8 8 8"/> -->'),
+    "comment with an origin": changed(
+        MARKED_TURN, f'<!-- <origin xyz="7 7 7" rpy="1 1 1"/> -->{MARKED_TURN}<!-- <origin xyz="8 8 8"/> -->'
+    ),
     "comment with a joint": changed('<joint name="turn"', '<!-- <joint name="turn"><origin xyz="7 7 7"/></joint> --><joint name="turn"'),
     "processing instruction": changed("<robot ", '<?edit <joint name="turn"><origin xyz="7 7 7"/></joint> ?>\n<robot '),
-    "same name in a transmission": changed('  <link name="base"/>', '  <transmission name="t"><joint name="turn"><origin xyz="7 7 7"/></joint></transmission>\n  <link name="base"/>'),
-    "same name in ros2_control": changed("</robot>", '<ros2_control name="r"><joint name="turn"><origin xyz="7 7 7"/><param name="p">1</param></joint></ros2_control></robot>'),
-    "same name in gazebo": changed("</robot>", '<gazebo reference="turn"><joint name="turn"><origin xyz="7 7 7"/></joint></gazebo></robot>'),
-    "origin of a link": changed('<link name="base"/>', '<link name="base"><visual><origin xyz="7 7 7" rpy="1 1 1"/><geometry><box size="1 1 1"/></geometry></visual></link>'),
+    "same name in a transmission": changed(
+        '  <link name="base"/>',
+        '  <transmission name="t"><joint name="turn"><origin xyz="7 7 7"/></joint></transmission>\n  <link name="base"/>',
+    ),
+    "same name in ros2_control": changed(
+        "</robot>",
+        '<ros2_control name="r"><joint name="turn"><origin xyz="7 7 7"/><param name="p">1</param></joint></ros2_control></robot>',
+    ),
+    "same name in gazebo": changed(
+        "</robot>", '<gazebo reference="turn"><joint name="turn"><origin xyz="7 7 7"/></joint></gazebo></robot>'
+    ),
+    "origin of a link": changed(
+        '<link name="base"/>',
+        '<link name="base"><visual><origin xyz="7 7 7" rpy="1 1 1"/><geometry><box size="1 1 1"/></geometry></visual></link>',
+    ),
     "two joints on one line": re.sub(r"</joint>\s*<joint", "</joint><joint", MARKED),
     "everything on one line": re.sub(r">\s*<", "><", MARKED),
-    "greater-than in attribute values": changed('<joint name="turn" type="revolute">', '<joint note="a > b" name="turn" type="revolute">').replace(MARKED_MOUNT, MARKED_MOUNT.replace("<origin", "<origin note='/>'")),
+    "greater-than in attribute values": changed(
+        '<joint name="turn" type="revolute">', '<joint note="a > b" name="turn" type="revolute">'
+    ).replace(MARKED_MOUNT, MARKED_MOUNT.replace("<origin", "<origin note='/>'")),
     "attribute within an attribute": changed(MARKED_TURN, MARKED_TURN.replace("<origin", "<origin note=\" xyz='1 2 3' rpy='1 1 1'\"")),
-    "attributes of similar name": changed(MARKED_TURN, MARKED_TURN.replace("<origin", '<origin old_xyz="1 2 3" x:xyz="1 2 3"')).replace("<robot ", '<robot xmlns:x="u" '),
+    "attributes of similar name": changed(MARKED_TURN, MARKED_TURN.replace("<origin", '<origin old_xyz="1 2 3" x:xyz="1 2 3"')).replace(
+        "<robot ", '<robot xmlns:x="u" '
+    ),
     "attributes the other way round": changed(MARKED_TURN, '<origin rpy="«0 0 0»" xyz="«0 0 0.2»"/>'),
     "blanks around =": changed(MARKED_TURN, "<origin\txyz\n=\t'«0 0 0.2»'   rpy =\r\n \"«0 0 0»\"\t/>"),
     "blanks in numbers": changed(MARKED_TURN, '<origin xyz="«\n  0 0\t 0.2  »" rpy="«  0 0 0»"/>'),
     "character references": changed(MARKED_TURN, '<origin xyz="«&#48; 0&#x20;0.2»" rpy="«0 0 0»"/>'),
     "other digits": changed("«0 0 0.2»", "«+0 -.0 2e-1»"),
     "DOCTYPE": changed("<robot ", '<!DOCTYPE robot SYSTEM "urdf.dtd" [<!-- <joint> --><?pi x?>]>\n<robot '),
-    "unknown tags": changed("<axis xyz=\"0 1 0\"/>", '<axis xyz="0 1 0"/><calibration rising="0"/><origins xyz="7 7 7"/><child_origin><origin xyz="7 7 7"/></child_origin>'),
-    "names of other letters": MARKED.replace('"upper"', '"Oberarm_\u00fc\u4e2d"').replace("<robot", "<!-- \u4e2d\u6587 \u00e4\u00f6\u00fc -->\n<robot"),
+    "unknown tags": changed(
+        '<axis xyz="0 1 0"/>',
+        '<axis xyz="0 1 0"/><calibration rising="0"/><origins xyz="7 7 7"/><child_origin><origin xyz="7 7 7"/></child_origin>',
+    ),
+    "names of other letters": MARKED.replace('"upper"', '"Oberarm_\u00fc\u4e2d"').replace(
+        "<robot", "<!-- \u4e2d\u6587 \u00e4\u00f6\u00fc -->\n<robot"
+    ),
     "escaped names": MARKED.replace('"upper"', '"a&amp;b&lt;c&#65;"'),
     "text at the end": MARKED + "<!-- <origin/> -->\n\n<?end?>",
     "tall": changed("<robot ", "<!--" + "x" * 3_000_000 + "-->\n<robot "),
@@ -146,7 +174,12 @@ def pattern(marked: bytes) -> bytes:
     """The text as a pattern: every byte as it is, but for the marked places."""
     parts = re.split(rb"(\xc2\xab.*?\xc2\xbb|\xc2\xa7.*?\xc2\xa7)", marked, flags=re.DOTALL)
     return b"".join(
-        NUMBERS if part.startswith(b"\xc2\xab") else re.escape(part.strip(b"\xc2\xa7")).replace(b"N", NUMBERS) if part.startswith(b"\xc2\xa7") else re.escape(part) for part in parts
+        NUMBERS
+        if part.startswith(b"\xc2\xab")
+        else re.escape(part.strip(b"\xc2\xa7")).replace(b"N", NUMBERS)
+        if part.startswith(b"\xc2\xa7")
+        else re.escape(part)
+        for part in parts
     )
 
 
@@ -171,7 +204,11 @@ def test_every_other_byte_stays(case: str, line_end: str, rng: np.random.Generat
 def test_other_encodings_stay(encoding: str, rng: np.random.Generator) -> None:
     """A text in a declared encoding of single bytes keeps every byte, umlauts in front of the joints included."""
     umlauts = "" if encoding == "US-ASCII" else " \u00e4\u00f6\u00fc\u00df"
-    marked = MARKED.replace('version="1.0"', f'version="1.0" encoding="{encoding}"').replace('"upper"', f'"Arm{umlauts.strip()}"').replace("<link", f"<!--{umlauts} --><link", 1)
+    marked = (
+        MARKED.replace('version="1.0"', f'version="1.0" encoding="{encoding}"')
+        .replace('"upper"', f'"Arm{umlauts.strip()}"')
+        .replace("<link", f"<!--{umlauts} --><link", 1)
+    )
     robot = robot_of(nominal(marked).encode(encoding))
     corrections = random_corrections(robot, rng, CALIBRATED)
     text = written(robot, corrections)

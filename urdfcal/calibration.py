@@ -13,7 +13,7 @@ import numpy as np
 from urdfcal.calibration_file import write_calibration
 from urdfcal.corrections import corrected_model
 from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
-from urdfcal.error_model import ErrorModel, Kind, PriorScale
+from urdfcal.error_model import ErrorModel, PriorScale
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult, SpotTable, spot_table
@@ -24,6 +24,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.noise import START_SPOT_SIGMA, Noise
 from urdfcal.report import text_report
 from urdfcal.robot import Robot
+from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
 
@@ -235,9 +236,7 @@ def _mount_warning(robot: Robot, options: ModelOptions) -> tuple[str, ...]:
     """Under `dh` the mount has no translation along y; on the last axis that one is visible, and another not."""
     if options.error_model != "dh":
         return ()
-    errors = ErrorModel(robot.chain, (), ())
-    module = errors.placements(np.empty(0)).module
-    last = robot.chain.moving[-1]
+    module, last = robot.chain.T_last_module, robot.chain.moving[-1]
     off = float(np.linalg.norm(cross(np.array(last.joint.axis), module.translation)))
     if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
         return ()

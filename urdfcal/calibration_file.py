@@ -21,9 +21,10 @@ from urdfcal.files import read_yaml, write_whole
 from urdfcal.fit_result import FitResult, SpotTable
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
+from urdfcal.urdf_tree import FARTHEST
 
 _SAME = 1e-6  # [mm] and [mrad]: closer than that two origins are the same
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]
 
 
@@ -96,7 +97,9 @@ class StoredCalibration:
         for name, correction in self.corrections.items():
             if name not in present:
                 if correction.moving:
-                    raise CalibrationFileError(f"the robot {robot.description.path} has no joint '{name}'{did_you_mean(name, present)}", self.path)
+                    raise CalibrationFileError(
+                        f"the robot {robot.description.path} has no joint '{name}'{did_you_mean(name, present)}", self.path
+                    )
                 missing.append(name)
                 continue
             origin = present[name].origin
@@ -116,7 +119,9 @@ class StoredCalibration:
         if already and all(_same(self.corrections[name].nominal, origin) for name, origin in origins.items()):
             raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
         if not origins:
-            raise CalibrationFileError(f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path)
+            raise CalibrationFileError(
+                f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path
+            )
         return origins, missing
 
 
@@ -185,7 +190,10 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     except ValidationError as error:
         found = error.errors()[0]
         raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path, file.line(found["loc"])) from None
-    corrections = {name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves) for name, entry in entries.joints.items()}
+    corrections = {
+        name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
+        for name, entry in entries.joints.items()
+    }
     return StoredCalibration(path, corrections)
 
 
@@ -193,7 +201,14 @@ def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
     """Name, value, sigma, unit, prior and whether the data decided it, for every parameter; SI."""
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     return [
-        {"name": parameter.name, "value": float(value), "sigma": float(sigma), "unit": parameter.unit, "determined": determined, "prior_sigma": parameter.sigma}
+        {
+            "name": parameter.name,
+            "value": float(value),
+            "sigma": float(sigma),
+            "unit": parameter.unit,
+            "determined": determined,
+            "prior_sigma": parameter.sigma,
+        }
         for parameter, value, sigma, determined in rows
     ]
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.errors import RigError
-from urdfcal.geometry import Matrix, Vector, X, Y, Z
+from urdfcal.geometry import SE3, Matrix, Vector, X, Y, Z
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint, UrdfTree
 
@@ -65,6 +65,19 @@ class Chain:
     def screen_joint(self) -> Step | None:
         """The fixed joint nearest to the screen on the way to the first moving joint, if there is one."""
         return self.steps[0] if not self.steps[0].joint.moves else None
+
+    @cached_property
+    def T_last_module(self) -> SE3:
+        """Placement of the module behind the last moving joint, as the URDF has it."""
+        placement = pin.SE3.Identity()
+        for step in self.steps:
+            if step.forward:
+                placement = placement * step.joint.origin
+            if step.joint.moves:
+                placement = pin.SE3.Identity()
+            if not step.forward:
+                placement = placement * step.joint.origin.inverse()
+        return placement
 
     def branches(self) -> list[list[UrdfJoint]]:
         """The moving joints in their URDF direction: those that carry the screen, then those that carry the module."""

@@ -16,9 +16,10 @@ from urdfcal.errors import FitRejected, UrdfcalError, UsageError
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from urdfcal.error_model import Kind, PriorScale
+    from urdfcal.error_model import PriorScale
     from urdfcal.rig_file import RigFile
     from urdfcal.robot import Robot
+    from urdfcal.slots import Kind
 
 app = typer.Typer(
     name="urdfcal",

@@ -46,9 +46,7 @@ class Description:
         return f"{self.path} (expanded)" if self.expanded else str(self.path)
 
 
-def read_description(
-    path: str | Path, xacro_args: Mapping[str, str] | None = None, package_dirs: Sequence[str | Path] = ()
-) -> Description:
+def read_description(path: str | Path, xacro_args: Mapping[str, str] | None = None, package_dirs: Sequence[str | Path] = ()) -> Description:
     """Read a URDF or xacro file.
 
     A xacro file is code: its `${...}` and `$(eval ...)` run Python.
@@ -87,7 +85,9 @@ def refuse_entities(text: bytes, path: str | Path) -> frozenset[str]:
     tags: set[str] = set()
 
     def refuse(name: str, *_: object) -> None:
-        raise RobotError(f"declares the entity '{name}'; entity declarations are refused, write the text out", path, parser.CurrentLineNumber)
+        raise RobotError(
+            f"declares the entity '{name}'; entity declarations are refused, write the text out", path, parser.CurrentLineNumber
+        )
 
     parser.EntityDeclHandler = refuse
     parser.UnparsedEntityDeclHandler = refuse

@@ -10,24 +10,17 @@ import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from urdfcal.chain import Chain
-from urdfcal.dh import DhRow, dh_table
-from urdfcal.errors import RigError, ShapeMismatch, UsageError, did_you_mean
-from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, X, Z, cross, exponentials, product, rotation_screw, six_screws, translation_screw
-from urdfcal.rig import Rig
+from urdfcal.errors import ShapeMismatch, UsageError, did_you_mean
+from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, product
+from urdfcal.slots import Kind, Slot
 from urdfcal.urdf_tree import UrdfJoint
 
-Kind = Literal["joint", "mount", "screen", "beam"]
-MODELS = ("auto", "dh", "hayati", "placement", "offset")
-SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
-PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
-BEAMS = ("rot_x", "rot_y")
-BEAMS4 = ("trans_x", "trans_y", "rot_x", "rot_y")
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
 
 
@@ -49,38 +42,6 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "screen": PriorScale(100 * MM, 5 * DEG),
     "beam": PriorScale(5 * MM, 1 * DEG),
 }
-
-
-@dataclass(frozen=True)
-class Slot:
-    """One placement that may be wrong.
-
-    Attributes:
-        label: First half of the parameters' names: joint, module, screen or laser link.
-        kind: What sort of placement it is; decides the prior.
-        names: Second halves, in the order of the product.
-        screws: (6, k) in the slot's own frame.
-        joint: URDF joint next to it; None for a module that has no fixed joint of its own.
-        before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
-        spare: Those of the names that the gauge rule considers last, after everything else.
-    """
-
-    label: str
-    kind: Kind
-    names: tuple[str, ...]
-    screws: Matrix
-    joint: str | None
-    before: bool = False
-    spare: tuple[str, ...] = ()
-
-    @cached_property
-    def motions(self) -> tuple[Any, ...]:
-        """The screws as Pinocchio motions."""
-        return tuple(pin.Motion(screw) for screw in self.screws.T)
-
-    def units(self) -> tuple[str, ...]:
-        """`m` or `rad` for each parameter: a screw with no angular part is a translation."""
-        return tuple("rad" if np.any(screw[3:]) else "m" for screw in self.screws.T)
 
 
 @dataclass(frozen=True)
@@ -332,56 +293,6 @@ class _Walk:
         return edge
 
 
-class _AxisTables:
-    """The D-H tables of a chain by joint name, each derived when it is first needed."""
-
-    def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-
-    @cached_property
-    def dh(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain)}
-
-    @cached_property
-    def hayati(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain, hayati=True)}
-
-
-def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:
-    """All placements of a chain that may be wrong under an error model, in order of the way; beams are not among them.
-
-    Args:
-        chain: The way from screen to module.
-        rig: Names of screen and module.
-        model: One of MODELS; decides the joints' parameters and, for `dh`, the module's.
-        per_joint: Other models for single joints.
-
-    Raises:
-        UsageError: no such model.
-    """
-    per_joint = per_joint or {}
-    rows = _AxisTables(chain)
-    slots: list[Slot] = [_screen_slot(chain, rig)]
-    for step in chain.moving:
-        slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
-    names, screws = (PAPER_MOUNT, _paper_mount(chain)) if model == "dh" else (SIX, six_screws())
-    slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
-    return tuple(slots)
-
-
-def _paper_mount(chain: Chain) -> Matrix:
-    """The paper's five, (6, 5): as in (2) the translations run along x and z of the last joint's frame, the rotations are the module's own."""
-    module = ErrorModel(chain, (), ()).placements(np.empty(0)).module
-    along = [translation_screw(module.rotation.T @ direction) for direction in (X, Z)]
-    return np.column_stack([*along, six_screws()[:, 3:]])
-
-
-def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:
-    """The beams' slots: two angles, or two angles and two offsets, on each laser's own joint."""
-    screws = six_screws()[:, [SIX.index(name) for name in names]]
-    return tuple(Slot(way[-1].child, "beam", names, screws, way[-1].name) for way in chain.laser_joints)
-
-
 def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
     """Every parameter of some slots, joints first, then mount, screen and beams."""
     order: dict[Kind, int] = {"joint": 0, "mount": 1, "screen": 2, "beam": 3}
@@ -403,82 +314,3 @@ def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:
     if not found:
         raise UsageError(f"no parameter matches '{pattern}'{did_you_mean(pattern, names)}")
     return found
-
-
-def with_parameters(errors: ErrorModel, keep: Iterable[str]) -> ErrorModel:
-    """The same error model with some of its parameters alone."""
-    wanted = set(keep)
-    return replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.name in wanted))
-
-
-def _screen_slot(chain: Chain, rig: Rig) -> Slot:
-    own = chain.screen_joint
-    if own is not None:
-        return Slot(rig.screen, "screen", SIX, six_screws(), own.joint.name)
-    first = chain.steps[0]
-    if not first.forward:  # the screen is the very link that a moving joint carries: no origin stands for it
-        return Slot(rig.screen, "screen", (), np.empty((6, 0)), first.joint.name, before=True)
-    return Slot(rig.screen, "screen", SIX, six_screws(), first.joint.name, before=True)
-
-
-def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
-    if model not in MODELS:
-        raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
-    named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
-    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), joint.name, spare=_spare(joint, model, rows))
-
-
-def _placement() -> dict[str, Vector]:
-    return dict(zip(SIX, six_screws().T, strict=True))
-
-
-def _offset(joint: UrdfJoint) -> dict[str, Vector]:
-    axis = np.array(joint.axis)
-    return {"d_q": translation_screw(axis)} if joint.prismatic else {"d_theta": rotation_screw(axis, np.zeros(3))}
-
-
-def _dh(joint: UrdfJoint, model: str, rows: _AxisTables) -> dict[str, Vector]:
-    if joint.prismatic:
-        return _slide(joint)
-    row = (rows.dh if model == "dh" else rows.hayati)[joint.name]
-    left_out = {"d_d"} if _tilts(row, model) else {"d_beta"}
-    return {name: screw for name, screw in row.screws.items() if name not in left_out or _completes(row, model)}
-
-
-def _tilts(row: DhRow, model: str) -> bool:
-    """Whether a joint has Hayati's tilt in place of its offset d."""
-    return model != "dh" and row.parallel
-
-
-def _completes(row: DhRow, model: str) -> bool:
-    """Whether the automatic model offers all five: a slide has no angle about itself, so the joint behind it may need its share."""
-    return model == "auto" and row.behind_slide
-
-
-def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
-    if model != "auto" or joint.prismatic:
-        return ()
-    row = rows.hayati[joint.name]
-    if not _completes(row, model):
-        return ()
-    return ("d_d",) if _tilts(row, model) else ("d_beta",)
-
-
-def _slide(joint: UrdfJoint) -> dict[str, Vector]:
-    """The two rotations perpendicular to a slide, through its origin."""
-    axis = np.array(joint.axis)
-    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    across = least - axis * float(axis @ least)
-    across /= np.linalg.norm(across)
-    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(cross(axis, across), np.zeros(3))}
-
-
-def require_screen_slot(chain: Chain, rig: Rig) -> None:
-    """Refuse to estimate the placement of a screen that is the very link a moving joint carries.
-
-    Raises:
-        RigError: naming screen and joint.
-    """
-    first = chain.steps[0]
-    if first.joint.moves and not first.forward:
-        raise RigError(f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement")

@@ -125,7 +125,9 @@ def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:
             loader.dispose()
     except yaml.YAMLError as trouble:
         mark = getattr(trouble, "problem_mark", None)
-        raise error(f"not readable as YAML: {getattr(trouble, 'problem', None) or trouble}", path, mark.line + 1 if mark else None) from None
+        raise error(
+            f"not readable as YAML: {getattr(trouble, 'problem', None) or trouble}", path, mark.line + 1 if mark else None
+        ) from None
     except InputError:
         raise
     except Exception as trouble:  # PyYAML lets a dozen kinds through for odd numbers, dates and tags

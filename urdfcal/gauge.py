@@ -12,27 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from urdfcal.chain import Chain
-from urdfcal.error_model import (
-    BEAMS,
-    BEAMS4,
-    DEFAULT_PRIORS,
-    FLAT,
-    MODELS,
-    ErrorModel,
-    Kind,
-    Parameter,
-    PriorScale,
-    Slot,
-    beam_slots,
-    matching,
-    parameters_of,
-    require_screen_slot,
-    slots_of,
-)
+from urdfcal.error_model import DEFAULT_PRIORS, FLAT, ErrorModel, Parameter, PriorScale, matching, parameters_of
 from urdfcal.errors import RigError, UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import Matrix
 from urdfcal.rig import Rig
+from urdfcal.slots import BEAMS, BEAMS4, MODELS, Kind, Slot, beam_slots, require_screen_slot, slots_of
 
 CONFIGURATIONS = 50
 _DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank

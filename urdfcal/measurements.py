@@ -19,7 +19,7 @@ from urdfcal.errors import MeasurementError, ShapeMismatch, did_you_mean
 from urdfcal.files import write_whole
 from urdfcal.geometry import DEG, MM, Array3, Matrix
 from urdfcal.robot import Robot
-from urdfcal.urdf_tree import UrdfJoint
+from urdfcal.urdf_tree import FARTHEST, UrdfJoint
 
 Labels = npt.NDArray[np.str_]
 Mask = npt.NDArray[np.bool_]
@@ -27,6 +27,7 @@ Mask = npt.NDArray[np.bool_]
 _LENGTHS = {"m": 1.0, "mm": MM}
 _ANGLES = {"rad": 1.0, "deg": DEG}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_LEAST_SIGMA = 1e-12  # [m]: a spot known better than that is a mistake, and its weight overflows
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
 
 
@@ -256,7 +257,11 @@ class _Reader:
     def check_columns(self) -> None:
         for joint in self.joints:
             if joint.name not in self.index:
-                raise self.fail(self.header_line, joint.name, f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}")
+                raise self.fail(
+                    self.header_line,
+                    joint.name,
+                    f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}",
+                )
         known = {"set", "session", "pose", *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid)}
         for laser in self.lasers:
             y, z = f"{laser}.y", f"{laser}.z"
@@ -265,14 +270,18 @@ class _Reader:
                 raise self.fail(self.header_line, z if y in self.index else y, f"is missing; a spot of {laser} needs {y} and {z}")
         self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index]
         if not self.seen_lasers:
-            raise self.fail(self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z")
+            raise self.fail(
+                self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z"
+            )
         for laser in self.lasers:
             if laser not in self.seen_lasers:
                 self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
         for name in self.index:
             if name not in known:
                 unused = sorted(known - set(self.index))
-                self.warnings.append(f"{self.path}:{self.header_line}: column '{name}' means nothing here and is not used{did_you_mean(name, unused)}")
+                self.warnings.append(
+                    f"{self.path}:{self.header_line}: column '{name}' means nothing here and is not used{did_you_mean(name, unused)}"
+                )
 
     def full_row(self, line: int, row: list[str]) -> list[str]:
         extra = row[self.width :]
@@ -327,12 +336,16 @@ class _Reader:
             else:
                 found = f"'{cell}' is not a number" if not _looks_infinite(cell) else f"'{cell}' is not finite"
                 raise self.fail(lines[row], name, f"{found if cell else 'the cell is empty'}; {way_out}")
+            if abs(values[row]) > FARTHEST:
+                raise self.fail(lines[row], name, f"'{cell}' is beyond {FARTHEST:g}; {way_out}")
         return values * factor
 
     def joint_column(self, joint: UrdfJoint, lines: list[int], cells: list[str]) -> Any:
         allowed = _LENGTHS if joint.prismatic else _ANGLES
         factor = self.unit(joint.name, allowed)
-        values = self.numbers(joint.name, lines, cells, factor, f"expected the joint's position in {next(iter(allowed))} (or say [deg], [mm] in the header)")
+        values = self.numbers(
+            joint.name, lines, cells, factor, f"expected the joint's position in {next(iter(allowed))} (or say [deg], [mm] in the header)"
+        )
         self.check_limits(joint, lines, values)
         return values
 
@@ -367,10 +380,10 @@ class _Reader:
 
     def sigma_column(self, name: str, lines: list[int], cells: list[str]) -> Any:
         values = self.numbers(name, lines, cells, self.unit(name, _LENGTHS), "expected a standard deviation, or nothing", empty=True)
-        wrong = values <= 0
+        wrong = values < _LEAST_SIGMA
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise self.fail(lines[row], name, f"'{cells[row]}' is not above zero; expected a standard deviation, or nothing")
+            raise self.fail(lines[row], name, f"'{cells[row]}' is not above {_LEAST_SIGMA:g} m; expected a standard deviation, or nothing")
         return values
 
     def set_column(self, lines: list[int], cells: list[str]) -> list[str]:

@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.calibration import fit
-from urdfcal.error_model import FLAT, ErrorModel, Kind, PriorScale
+from urdfcal.error_model import FLAT, ErrorModel, PriorScale
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.robot import Robot
 from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, joint_limits, simulate, true_spots
+from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 
 HALF = 30  # poses near home, and poses over the whole ranges

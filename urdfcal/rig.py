@@ -46,20 +46,27 @@ def find_rig(tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | 
         raise RigError(f"no moving joint between the screen '{screen_link}' and the laser '{laser_links[0]}'", tree.label)
     for laser in laser_links:
         if laser == carrier:
-            raise RigError(f"laser '{laser}' hangs on no fixed joint; give it one of its own, so that its mount can be corrected", tree.label)
+            raise RigError(
+                f"laser '{laser}' hangs on no fixed joint; give it one of its own, so that its mount can be corrected", tree.label
+            )
     return Rig(screen_link, laser_links, _common_fixed_ancestor(tree, laser_links))
 
 
 def _link(tree: UrdfTree, name: str, option: str) -> str:
     if name not in tree.links:
-        raise RigError(f"{no_such('link', name, tree.links)} (choose with {option} LINK; robots/slm.urdf.xacro has macros for module and screen)", tree.label)
+        raise RigError(
+            f"{no_such('link', name, tree.links)} (choose with {option} LINK; robots/slm.urdf.xacro has macros for module and screen)",
+            tree.label,
+        )
     return name
 
 
 def _lasers_by_name(tree: UrdfTree) -> tuple[str, ...]:
     numbered = [(int(match[1]), link) for link in tree.links if (match := _LASER.match(link))]
     if not numbered:
-        raise RigError("no link named laser_<digits>; name the lasers with --laser LINK, or add a module with robots/slm.urdf.xacro", tree.label)
+        raise RigError(
+            "no link named laser_<digits>; name the lasers with --laser LINK, or add a module with robots/slm.urdf.xacro", tree.label
+        )
     return tuple(link for _, link in sorted(numbered))
 
 

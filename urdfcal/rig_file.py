@@ -25,15 +25,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from urdfcal.error_model import Kind, PriorScale
+from urdfcal.error_model import PriorScale
 from urdfcal.errors import RigError, did_you_mean
 from urdfcal.files import read_yaml
 from urdfcal.gauge import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.geometry import DEG, MM
+from urdfcal.slots import Kind
+from urdfcal.urdf_tree import FARTHEST
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(ge=1e-9, le=FARTHEST, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=FARTHEST, allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
@@ -88,7 +90,9 @@ class RigFile(_Strict):
     @classmethod
     def _readable(cls, priors: dict[Any, str]) -> dict[Any, str]:
         for text in priors.values():
-            parse_prior(text)
+            scale = parse_prior(text)
+            if not all(1e-12 <= sigma <= FARTHEST for sigma in (scale.translation, scale.rotation)):
+                raise ValueError(f"'{text}' is no size that an error can have; expected for example 10mm,1deg")
         return priors
 
     @field_validator("parameters")

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from urdfcal.error_model import MODELS, ErrorModel
+from urdfcal.error_model import ErrorModel
 from urdfcal.errors import InputError, UsageError, no_such
 from urdfcal.files import YamlFile, read_yaml
 from urdfcal.gauge import ModelOptions, build_error_model, parse_prior
 from urdfcal.geometry import Vector
 from urdfcal.robot import Robot
 from urdfcal.simulation import random_truth, stated_truth
+from urdfcal.slots import MODELS
+from urdfcal.urdf_tree import FARTHEST
 
 
 def truth_of(robot: Robot, errors: str, rng: np.random.Generator) -> tuple[ErrorModel, Vector]:
@@ -51,13 +52,15 @@ def _from_file(robot: Robot, path: Path) -> tuple[ErrorModel, Vector]:
     model = build_error_model(robot.chain, robot.rig, ModelOptions(error_model=name))
     for parameter in values:
         if parameter not in model.names:
-            raise InputError(f"the error model {name} has {no_such('parameter', parameter, model.names)}", path, file.line(["parameters", parameter]))
+            raise InputError(
+                f"the error model {name} has {no_such('parameter', parameter, model.names)}", path, file.line(["parameters", parameter])
+            )
     return model, stated_truth(model, values)
 
 
 def _number(file: YamlFile, name: Any, value: Any) -> float:
     if isinstance(value, dict):  # the file that simulate wrote
         value = value.get("value")
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= FARTHEST:
         raise InputError(f"parameter '{name}': found {value!r}, expected a number in m or rad", file.path, file.line(["parameters", name]))
     return float(value)

@@ -19,6 +19,7 @@ from urdfcal.geometry import SE3, pose
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
+FARTHEST = 1e6  # [m] and [rad]: a number beyond this belongs to no robot, and overflows further on
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -166,7 +167,10 @@ class _Reader:
                 continue
             name = etree.QName(element)
             if name.localname in _KINEMATIC:
-                raise self.fail(f"<{name.localname}> is in the default namespace '{name.namespace}', expected none; remove xmlns=\"...\"", _line(element))
+                raise self.fail(
+                    f"<{name.localname}> is in the default namespace '{name.namespace}', expected none; remove xmlns=\"...\"",
+                    _line(element),
+                )
 
     def names(self, root: etree._Element, tag: str) -> tuple[str, ...]:
         seen: dict[str, int | None] = {}
@@ -223,19 +227,27 @@ class _Reader:
             return default
         words = text.split()
         if len(words) != 3:
-            raise self.fail(f"{who}: {name}=\"{text}\" has {len(words)} numbers, expected 3", _line(element))
-        return tuple(self.number(word, f"{who}: {name}=\"{text}\"", _line(element)) for word in words)
+            raise self.fail(f'{who}: {name}="{text}" has {len(words)} numbers, expected 3', _line(element))
+        return tuple(self.near(word, f'{who}: {name}="{text}"', _line(element)) for word in words)
 
     def number(self, word: str, who: str, line: int | None) -> float:
         if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
             raise self.fail(f"{who}: '{word}' is not a finite number", line)
         return float(word)
 
+    def near(self, word: str, who: str, line: int | None) -> float:
+        value = self.number(word, who, line)
+        if abs(value) > FARTHEST:
+            raise self.fail(f"{who}: '{word}' is beyond {FARTHEST:g}; expected metres and radians", line)
+        return value
+
     def direction(self, element: etree._Element | None, who: str) -> tuple[float, ...]:
         axis = self.triple(element, "xyz", who, (1.0, 0.0, 0.0))
         length = math.hypot(*axis)
         if not length > 1e-6:
-            raise self.fail(f"{who}: the axis has no length, expected a direction such as 0 0 1", None if element is None else _line(element))
+            raise self.fail(
+                f"{who}: the axis has no length, expected a direction such as 0 0 1", None if element is None else _line(element)
+            )
         return tuple(component / length for component in axis)
 
     def limits(self, element: etree._Element, kind: str, who: str) -> tuple[float, float]:
@@ -243,19 +255,24 @@ class _Reader:
         if kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         if found is None:
-            raise self.fail(f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", _line(element))
+            raise self.fail(
+                f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", _line(element)
+            )
         for name in ("effort", "velocity"):
             self.number(self.attribute(found, name, f"{who}: <limit>"), f"{who}: <limit> {name}", _line(found))
         lower, upper = (self.number(found.get(name, "0"), f"{who}: <limit> {name}", _line(found)) for name in ("lower", "upper"))
         if lower > upper:
             raise self.fail(f"{who}: its lower limit {lower:g} is above its upper limit {upper:g}", _line(found))
-        return lower, upper
+        return max(lower, -FARTHEST), min(upper, FARTHEST)
 
     def mimic(self, element: etree._Element, who: str) -> Mimic | None:
         found = self.one(element, "mimic", who)
         if found is None:
             return None
-        values = [self.number(found.get(name, default), f"{who}: <mimic> {name}", _line(found)) for name, default in (("multiplier", "1"), ("offset", "0"))]
+        values = [
+            self.near(found.get(name, default), f"{who}: <mimic> {name}", _line(found))
+            for name, default in (("multiplier", "1"), ("offset", "0"))
+        ]
         return Mimic(self.attribute(found, "joint", f"{who}: <mimic>"), *values)
 
     def check_tree(self, links: tuple[str, ...], joints: dict[str, UrdfJoint]) -> None:
@@ -265,7 +282,9 @@ class _Reader:
                 if end not in links:
                     raise self.fail(f"joint '{joint.name}': {no_such('link', end, links)}", joint.line)
             if joint.child in carried_by:
-                raise self.fail(f"link '{joint.child}' is the child of two joints, '{carried_by[joint.child].name}' and '{joint.name}'", joint.line)
+                raise self.fail(
+                    f"link '{joint.child}' is the child of two joints, '{carried_by[joint.child].name}' and '{joint.name}'", joint.line
+                )
             carried_by[joint.child] = joint
             self.check_mimic(joint, joints)
         roots = [link for link in links if link not in carried_by]

@@ -49,7 +49,6 @@ class Run:
     bound: float
     claim: float
     standardised: Array
-    error: Array
 
 
 def slide(axis: int, length: npt.ArrayLike) -> Array:
@@ -122,20 +121,22 @@ def run(robot: urdfcal.Robot, seed: int, spot_sigma: float, joint_sigma: float) 
     order = [found.errors.names.index(name) for name in NAMES]
     error, claim = found.x[order] - TRUTH, found.covariance[np.ix_(order, order)]
     bound = cramer_rao(q, spot_sigma, joint_sigma)
-    return Run(mahalanobis(error, bound), mahalanobis(error, claim), error / np.sqrt(np.diag(claim)), error)
+    return Run(mahalanobis(error, bound), mahalanobis(error, claim), error / np.sqrt(np.diag(claim)))
 
 
 def report(runs: list[Run]) -> None:
     """Print the table."""
     p = len(NAMES)
-    for name, values in (("Cramer-Rao bound at the truth", [one.bound for one in runs]), ("covariance that fit claims", [one.claim for one in runs])):
-        print(f"{name:32s} sqrt(mean e' C^-1 e / {p}) = {np.sqrt(np.mean(values) / p):.4f}  (median {np.sqrt(np.median(values) / p):.4f})")
+    squares = {"Cramer-Rao bound at the truth": [one.bound for one in runs], "covariance that fit claims": [one.claim for one in runs]}
+    for name, values in squares.items():
+        mean, median = np.sqrt(np.mean(values) / p), np.sqrt(np.median(values) / p)
+        print(f"{name:34s} sqrt(mean e' C^-1 e / {p}) = {mean:.4f}  (of the median {median:.4f})")
     inside = np.abs([one.standardised for one in runs]) < Z95
-    print(f"{'95 % intervals that hold the truth':32s} {inside.mean():.2%} of {inside.size}")
+    print(f"{'95 % intervals that hold the truth':34s} {inside.mean():.2%} of {inside.size}")
     share = inside.mean(axis=0)
-    print(f"{'  worst and best parameter':32s} {NAMES[share.argmin()]} {share.min():.0%}, {NAMES[share.argmax()]} {share.max():.0%}")
+    print(f"{'  worst and best parameter':34s} {NAMES[share.argmin()]} {share.min():.0%}, {NAMES[share.argmax()]} {share.max():.0%}")
     bias = np.mean([one.standardised for one in runs], axis=0) * np.sqrt(len(runs))
-    print(f"{'  largest mean error':32s} {bias[np.abs(bias).argmax()]:+.2f} standard errors ({NAMES[np.abs(bias).argmax()]})")
+    print(f"{'  largest mean error':34s} {bias[np.abs(bias).argmax()]:+.2f} standard errors ({NAMES[np.abs(bias).argmax()]})")
 
 
 def main() -> None:

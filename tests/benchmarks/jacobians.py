@@ -19,11 +19,12 @@ import numpy.typing as npt
 from second_witness import UrdfWay, spots_of
 
 import urdfcal
-from urdfcal.error_model import MODELS, ErrorModel
+from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, LaserMotion, laser_motion
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.sensors import spot_jacobian, spots_on_screen
 from urdfcal.simulation import joint_limits
+from urdfcal.slots import MODELS
 from urdfcal.spot_model import SpotModel
 
 Array = npt.NDArray[np.float64]
@@ -130,6 +131,12 @@ def worst(robot: urdfcal.Robot, model: str, scale: float, count: int, rng: np.ra
     )
 
 
+def summary(runs: list[Worst]) -> str:
+    """The worst of some runs, and how many of the drawn poses were kept."""
+    errors = [np.max([getattr(run, of) for run in runs]) for of in ("jac1", "jac2", "J")]
+    return "".join(f"{error:10.1e}" for error in errors) + f"{sum(run.kept for run in runs):8d} of {sum(run.drawn for run in runs)}"
+
+
 def main() -> None:
     """Parse the command line and run the study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -139,20 +146,16 @@ def main() -> None:
     arguments = parser.parse_args()
     start, rng = time.perf_counter(), np.random.default_rng(arguments.seed)
     sizes = ", ".join(f"{scale:g}" for scale in SCALES)
-    print(f"{'robot':7s}{'model':11s}{'p':>3s}{'Jac1':>10s}{'Jac2':>10s}{'J':>10s}   kept of drawn, and J at x ~ {sizes}")
+    print(f"{'robot':7s}{'model':11s}{'p':>3s}{'Jac1':>10s}{'Jac2':>10s}{'J':>10s}  kept of drawn, and J at x ~ {sizes}")
     found = []
     for name in ROBOTS:
         robot = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro")
         for model in MODELS:
             runs = [worst(robot, model, scale, arguments.poses, rng) for scale in SCALES]
             found += runs
-            jac1, jac2, J = (np.max([getattr(run, of) for run in runs]) for of in ("jac1", "jac2", "J"))
-            kept, drawn = sum(run.kept for run in runs), sum(run.drawn for run in runs)
             each = " ".join(f"{run.J:.0e}" for run in runs)
-            print(f"{name:7s}{model:11s}{runs[0].parameters:3d}{jac1:10.1e}{jac2:10.1e}{J:10.1e}   {kept:4d} of {drawn}   {each}", flush=True)
-    jac1, jac2, J = (np.max([getattr(run, of) for run in found]) for of in ("jac1", "jac2", "J"))
-    kept, drawn = sum(run.kept for run in found), sum(run.drawn for run in found)
-    print(f"worst: Jac1 {jac1:.1e}, Jac2 {jac2:.1e}, J {J:.1e} (goal {GOAL:g}); {kept} poses kept of {drawn}; {time.perf_counter() - start:.0f} s")
+            print(f"{name:7s}{model:11s}{runs[0].parameters:3d}{summary(runs)}   {each}", flush=True)
+    print(f"{'all':21s}{summary(found)}   (goal {GOAL:g}); {time.perf_counter() - start:.0f} s")
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulat
 from urdfcal.spot_model import SpotModel
 
 Array = npt.NDArray[np.float64]
+Truth = tuple[ErrorModel, Array]
 
 COUNTS = (30, 50, 100, 200, 500, 1000)
 HELD_OUT = 300
@@ -55,20 +56,19 @@ CASES = (
 )
 
 
-def draw_truth(robot: urdfcal.Robot, case: Case, arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[ErrorModel, Array]:
+def draw_truth(robot: urdfcal.Robot, case: Case, arguments: argparse.Namespace, rng: np.random.Generator) -> Truth:
     """The error model of the truth, and its values."""
     if case.truth == "six":
-        options = ModelOptions(error_model="placement", estimate=case.estimate)
         errors, x = random_truth(robot, rng, arguments.mm * MM, arguments.deg * DEG)
-        return (errors, x) if not case.estimate else with_screen(robot, options, x, arguments, rng)
+        return with_screen(robot, x, arguments, rng) if case.estimate else (errors, x)
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=case.estimate))
     sigma = errors.sigma if case.truth == "prior" else scales(errors.units, arguments)
     return errors, rng.normal(errors.mean, sigma)
 
 
-def with_screen(robot: urdfcal.Robot, options: ModelOptions, x: Array, arguments: argparse.Namespace, rng: np.random.Generator) -> tuple[ErrorModel, Array]:
+def with_screen(robot: urdfcal.Robot, x: Array, arguments: argparse.Namespace, rng: np.random.Generator) -> Truth:
     """The same truth with the screen's own errors behind it."""
-    errors = build_error_model(robot.chain, robot.rig, options)
+    errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="placement", estimate=("screen",)))
     return errors, np.concatenate([x, rng.normal(0, scales(errors.units[len(x) :], arguments))])
 
 
@@ -80,7 +80,8 @@ def scales(units: tuple[str, ...], arguments: argparse.Namespace) -> Array:
 def visible_poses(robot: urdfcal.Robot, errors: ErrorModel, x: Array, count: int, rng: np.random.Generator) -> Array:
     """Joint positions at which the beams of the true and of the nominal robot meet the screen."""
     q = draw_poses(robot, errors, x, count + count // 2 + 50, rng)
-    lengths = SpotModel(errors, urdfcal.measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))).predict(np.zeros(len(x)))[1]
+    blank = urdfcal.measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
+    lengths = SpotModel(errors, blank).predict(np.zeros(len(x)))[1]
     return q[(lengths > 0).all(axis=1)][:count]
 
 
