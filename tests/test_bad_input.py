@@ -165,7 +165,7 @@ CSVS = {
     "csv degrees": (
         FIT,
         {"m.csv": CSV.replace("0.1,-0.2", "11,-0.2").replace("0.2,0.1", "22,0.1")},
-        "m.csv:2: column 'turn': 2 of 2 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the header",
+        "m.csv:2: column 'turn': 2 of 2 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]'",
     ),
     "csv set": (
         FIT,

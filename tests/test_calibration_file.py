@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -192,3 +193,16 @@ def test_a_truth_is_applied_and_simulated_again(run_cli: Callable[..., tuple[int
     assert run_cli("simulate", "small.urdf", "-o", "n.csv", "--errors", "m_truth.yaml", *noiseless)[0] == 0
     again = yaml.safe_load((tmp_path / "n_truth.yaml").read_text())
     assert again["joints"] == yaml.safe_load((tmp_path / "m_truth.yaml").read_text())["joints"]
+
+
+def test_paths_that_are_no_utf8_are_recorded(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    """A robot and measurements with Latin-1 bytes in their names are calibrated, and the record stays UTF-8."""
+    robot, data = (os.fsdecode(name) for name in (b"caf\xe9.urdf", b"m\xe9.csv"))
+    try:
+        (tmp_path / robot).write_text(URDF)
+    except OSError:
+        pytest.skip("this file system takes UTF-8 names alone")
+    assert run_cli("simulate", robot, "-o", data, "--poses", "20", "-q")[0] == 0
+    assert run_cli("fit", robot, data, "-o", "out.urdf", "--force", "-q")[0] in (0, 3)
+    record = yaml.safe_load((tmp_path / "out_calibration.yaml").read_text("utf-8"))
+    assert (record["robot"]["file"], record["measurements"]["file"]) == (r"caf\udce9.urdf", r"m\udce9.csv")

@@ -20,7 +20,7 @@ Run = Callable[..., "object"]
 
 def test_fit_writes_both_files_and_prints_both_tables(run_cli: Run, tmp_path: Path) -> None:
     """The default outputs fall into the current folder, and the table has fit and test poses before and after."""
-    done = run_cli("fit", ARM7, MEASUREMENTS)
+    done = run_cli("fit", ARM7, MEASUREMENTS, "-q")
     assert (done.code, done.err) == (0, "")
     assert {path.name for path in tmp_path.iterdir()} == {"arm7_calibrated.urdf", "arm7_calibration.yaml"}
     for words in ("fit     laser_1", "test    laser_2", "joint1.d_a", "±", "expanded arm7.urdf.xacro"):
@@ -87,7 +87,7 @@ def test_the_record_says_where_it_comes_from(run_cli: Run, tmp_path: Path) -> No
 
 def test_a_rejected_fit_writes_nothing_unless_forced(run_cli: Run, tmp_path: Path) -> None:
     """Exit code 3 with one line and no file; with --force the files and a warning."""
-    done = run_cli("fit", ARM7, MEASUREMENTS, "--spot-sigma-mm", "0.1")
+    done = run_cli("fit", ARM7, MEASUREMENTS, "--spot-sigma-mm", "0.1", "-q")
     assert done.code == 3
     assert "chi-square is" in done.err
     assert len(done.err.splitlines()) == 1

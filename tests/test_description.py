@@ -91,7 +91,8 @@ def test_yaml_is_loaded(tmp_path: Path) -> None:
     """load_yaml reads a file beside the xacro or in a package, units included."""
     (tmp_path / "small_description").mkdir()
     _written(tmp_path / "small_description" / "numbers.yaml", "tilt: !degrees 180\n")
-    body = '<xacro:property name="n" value="${xacro.load_yaml(\'package://small_description/numbers.yaml\')}"/><link name="l${round(n.tilt, 3)}"/>'
+    body = '<xacro:property name="n" value="${xacro.load_yaml(\'package://small_description/numbers.yaml\')}"/>'
+    body += '<link name="l${round(n.tilt, 3)}"/>'
     assert b'<link name="l3.142"/>' in read_description(xacro(tmp_path, body), package_dirs=[tmp_path]).text
 
 

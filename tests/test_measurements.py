@@ -44,7 +44,8 @@ SAME = {
     "quotes": "\n".join(",".join(f'"{cell}"' for cell in line.split(",")) for line in (HEAD, ROW)),
     "trailing separators": f"{HEAD},,\n{ROW},,\n",
     "other order": "laser_2.z,slide,turn,laser_1.z,laser_1.y,lift,laser_2.y\n0.04,0.15,0.1,0.02,0.01,-0.2,0.03\n",
-    "units": "turn [deg],lift[rad],slide [ mm ],laser_1.y [mm],laser_1.z [m],laser_2.y,laser_2.z\n5.729577951308232,-0.2,150,10,0.02,0.03,0.04\n",
+    "units": "turn [deg],lift[rad],slide [ mm ],laser_1.y [mm],laser_1.z [m],laser_2.y,laser_2.z\n"
+    "5.729577951308232,-0.2,150,10,0.02,0.03,0.04\n",
     "exponents": f"{HEAD}\n1e-1,-2.E-1,+.15,0.01,2e-2,3e-02,0.04\n",
 }
 
@@ -189,7 +190,7 @@ BAD = {
     "set": (f"{HEAD},set\n{ROW},train\n", ":2: column 'set': 'train' is neither fit nor test"),
     "degrees": (
         rows(3, turn="30"),
-        ":2: column 'turn': 3 of 3 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the header",
+        ":2: column 'turn': 3 of 3 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the",
     ),
     "degrees of a continuous joint": (
         rows(3, lift="-90"),

@@ -47,7 +47,8 @@ def test_what_a_urdf_may_leave_out_has_the_format_s_defaults() -> None:
 
 def test_joints_outside_the_tree_are_not_taken_for_joints() -> None:
     """A <joint> in <transmission>, <ros2_control> or <gazebo> declares nothing."""
-    others = '<transmission name="t"><joint name="j1"><origin xyz="9 9 9"/></joint></transmission><ros2_control><joint name="j9"/></ros2_control><gazebo><joint/></gazebo>'
+    others = '<transmission name="t"><joint name="j1"><origin xyz="9 9 9"/></joint></transmission>'
+    others += '<ros2_control><joint name="j9"/></ros2_control><gazebo><joint/></gazebo>'
     tree = robot_of(replaced("</robot>", others + "</robot>")).tree
     assert sorted(tree.joints) == ["j1", "m1", "m2"]
     assert tree.joints["j1"].xyz == (0, 0, 0)

@@ -25,7 +25,7 @@ NUMBERS = rb"[-+0-9.e]+ [-+0-9.e]+ [-+0-9.e]+"
 
 
 def random_corrections(robot: Robot, rng: np.random.Generator, names: list[str] | None = None) -> dict[str, OriginCorrection]:
-    """Errors of centimetres and degrees in all six directions of some joints, by default of every joint that is revolute, prismatic or fixed."""
+    """Errors of centimetres and degrees in all six directions of some joints, by default of all that do not float."""
     joints = robot.tree.joints
     wanted = names if names is not None else [name for name, joint in joints.items() if joint.type not in ("floating", "planar")]
     deltas = {name: pin.exp6(rng.normal(0.0, 0.02, 6)) for name in wanted}

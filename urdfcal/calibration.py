@@ -12,12 +12,13 @@ import numpy as np
 
 from urdfcal.calibration_file import write_calibration
 from urdfcal.corrections import corrected_model
+from urdfcal.dh import dh_table
 from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
 from urdfcal.error_model import ErrorModel, PriorScale
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult, SpotTable, spot_table
-from urdfcal.gauge import ModelOptions, build_error_model
+from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
 from urdfcal.geometry import MM, Vector, cross
 from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
@@ -134,7 +135,7 @@ def fit(
         data=fit_set,
         test_data=None,
         estimator=f"{estimator}, {schedule}" if estimator == "ekf" else estimator,
-        warnings=(*data.warnings, *_mount_warning(robot, options)),
+        warnings=(*data.warnings, *model_warnings(robot, errors, options)),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
 
@@ -232,15 +233,37 @@ def _require_beams_on_screen(model: SpotModel, x: Vector) -> None:
         )
 
 
-def _mount_warning(robot: Robot, options: ModelOptions) -> tuple[str, ...]:
-    """Under `dh` the mount has no translation along y; on the last axis that one is visible, and another not."""
-    if options.error_model != "dh":
+def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> tuple[str, ...]:
+    """What the chosen error model cannot follow on this robot."""
+    if options.error_model == "dh":
+        return (*_mount_warning(robot), *_parallel_warning(robot))
+    missing = missing_screen_parameters(robot.chain, robot.rig, errors) if options.error_model == "auto" else ()
+    if not missing:
         return ()
-    module, last = robot.chain.T_last_module, robot.chain.moving[-1]
-    off = float(np.linalg.norm(cross(np.array(last.joint.axis), module.translation)))
+    return (
+        f"the screen '{robot.rig.screen}' has no fixed joint of its own, so its placement is not estimated; "
+        f"--estimate screen adds {', '.join(missing)}, which no other parameter can stand for",
+    )
+
+
+def _mount_warning(robot: Robot) -> tuple[str, ...]:
+    """The paper's mount has no translation along y; on the last axis that one is visible, and another not."""
+    last = robot.chain.moving[-1]
+    off = float(np.linalg.norm(cross(np.array(last.joint.axis), robot.chain.T_last_module.translation)))
     if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
         return ()
     return (
         f"the module '{robot.rig.module}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of the dh model "
         "leave out trans_y, which such a mount shows; use --error-model auto or hayati",
+    )
+
+
+def _parallel_warning(robot: Robot) -> tuple[str, ...]:
+    """Denavit and Hartenberg's parameters cannot tilt an axis that is parallel to the one before it in both directions."""
+    joints = [row.name for row in dh_table(robot.chain) if row.parallel and row.name in robot.tree.joints]
+    if not joints:
+        return ()
+    return (
+        f"the axis of {', '.join(joints)} is nearly parallel to the one before it: the dh model cannot tilt it both ways; "
+        "use --error-model auto or hayati unless the paper's parameters are the point",
     )

@@ -236,10 +236,10 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
     return {
         "urdfcal": __version__,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": shlex.join(words),
+        "command": _readable(shlex.join(words)),
         "robot": {
             "name": robot.name,
-            "file": str(robot.description.path),
+            "file": _readable(str(robot.description.path)),
             "sha256": sha256(robot.description.text),
             "expanded_by_xacro": robot.description.expanded,
         },
@@ -251,8 +251,13 @@ def _data_entry(calibration: FitResult) -> dict[str, Any]:
     data = calibration.data
     entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
     if data.source:
-        entry = {"file": data.source, "sha256": data.sha256, **entry}
+        entry = {"file": _readable(data.source), "sha256": data.sha256, **entry}
     return entry
+
+
+def _readable(text: str) -> str:
+    """A path as text, also where its bytes are no UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def _origin(placement: SE3) -> dict[str, list[float]]:

@@ -150,8 +150,9 @@ def iterated_schedule(
         weights = noise.weights(here)
         H, residual = weights.jacobian(here), weights.residual(here)
         rows, short = compress(H, residual + H @ (x - prior.x), scale)
-        belief, _ = update(prior, short, rows, np.eye(len(short)))
-        step = belief.x - x
+        updated, _ = update(prior, short, rows, np.eye(len(short)))
+        step = updated.P @ (residual @ H - (x - prior.x) / scale**2)  # updated.x - x, but without the rounding of a whole update
+        belief = Belief(x + step, updated.P)
         sigmas = float(np.max(np.abs(step) / np.sqrt(np.diag(belief.P))))
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one

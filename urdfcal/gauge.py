@@ -105,6 +105,17 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
 
 
+def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
+    """Screen parameters that are not in the state, cannot be held by a fixed joint, and would raise the rank if they were."""
+    first = chain.steps[0]
+    if chain.screen_joint is not None or not first.forward or any(parameter.kind == "screen" for parameter in errors.parameters):
+        return ()
+    screen = [parameter for parameter in parameters_of(errors.slots, DEFAULT_PRIORS) if parameter.kind == "screen"]
+    whole = replace(errors, parameters=(*errors.parameters, *screen), sessions=errors.sessions[:1])
+    taken = independent_columns(full_pose_jacobian(chain, whole), range(len(whole.parameters)))
+    return tuple(whole.names[column] for column in taken if column >= len(errors.parameters))
+
+
 def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
     """Take columns in order, each only if it raises the rank of those taken before it."""
     basis = np.empty((len(jacobian), 0))

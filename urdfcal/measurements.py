@@ -180,7 +180,7 @@ def write_measurements(path: str | Path, data: Measurements, comments: Iterable[
     for pose, row in enumerate(numbers):
         cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
         table.writerow([_label(data.poses[pose]), *cells, *(_label(mark[pose]) for mark in marks.values())])
-    write_whole(path, text.getvalue().encode())
+    write_whole(path, text.getvalue().encode(errors="backslashreplace"))
 
 
 def _label(text: str) -> str:
