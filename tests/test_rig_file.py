@@ -97,7 +97,7 @@ BAD = {
         ":1: entry 'parameters.a.b.fixed': Input should be a valid boolean, unable to interpret input, found 'perhaps'",
     ),
     "huge": (f"noise: {{spot_mm: {'9' * 99}{'9' * 99}{'9' * 99}{'9' * 99}}}", ":1: a number of 396 digits"),
-    "tiny prior": ("priors: {joint: '1e-300mm,1deg'}", ":1: entry 'priors': '1e-300mm,1deg' is no size that an error can have"),
+    "tiny prior": ("priors: {joint: '1e-300mm,1deg'}", ":1: entry 'priors': '1e-300mm,1deg' is not a prior"),
     "tiny sigma": ("parameters: {a.b: {sigma_mm: 1e-300}}", ":1: entry 'parameters.a.b.sigma_mm': Input should be greater than"),
     "number as link": ("screen: 5", ":1: entry 'screen': Input should be a valid string, found 5"),
 }

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from urdfcal.calibration_file import write_calibration
+from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import corrected_model
 from urdfcal.dh import dh_table
 from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
@@ -25,11 +25,12 @@ from urdfcal.measurements import Measurements
 from urdfcal.noise import START_SPOT_SIGMA, Noise
 from urdfcal.report import text_report
 from urdfcal.robot import Robot
+from urdfcal.robust import Outlier, gate, reweighted, swapped_poses
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
 
-ESTIMATORS = ("ekf", "lse")
+ESTIMATORS = ("ekf", "lse", "robust", "evolution")
 SCHEDULES = ("iterated", "paper")
 _NEAR_AXIS = 10 * MM
 
@@ -60,7 +61,11 @@ class Calibration(FitResult):
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""
-        write_calibration(path, self, command or sys.argv)
+        write_whole(path, self.record(command))
+
+    def record(self, command: Sequence[str] = ()) -> bytes:
+        """The calibration as YAML."""
+        return calibration_yaml(self, command or sys.argv)
 
 
 def fit(
@@ -81,6 +86,8 @@ def fit(
     max_sweeps: int | None = None,
     q: float = 1e-4,
     r: float = 1e-4,
+    gated: bool = True,
+    rng: np.random.Generator | None = None,
     test: Measurements | None = None,
 ) -> Calibration:
     """Calibrate a robot from laser spots.
@@ -90,7 +97,7 @@ def fit(
     Args:
         robot: Nominal robot; left unchanged.
         data: Joint positions and spots.
-        estimator: `ekf` or `lse`.
+        estimator: `ekf`, `lse` (Levenberg-Marquardt), `robust` (Student's t) or `evolution` (differential evolution, polished).
         schedule: Of the EKF: `iterated` (maximum a posteriori, honest covariance) or `paper` (sweeps with Q and R).
         options: What is to be calibrated; the arguments below are laid over it.
         error_model: `auto`, `dh`, `hayati`, `placement` or `offset`.
@@ -104,6 +111,9 @@ def fit(
         max_sweeps: How many sweeps are allowed.
         q: Q = q I of the `paper` schedule, per sweep, [m^2] and [rad^2].
         r: R = r I of the `paper` schedule, [m^2].
+        gated: Take out spots that the fit cannot explain, exchange beams that were read for each other, and refit (not for `robust`
+            and the `paper` schedule).
+        rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
 
     Raises:
@@ -115,11 +125,19 @@ def fit(
     fit_set, test_set = _sets(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
-    noise = Noise(spot_sigma or START_SPOT_SIGMA, _joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None or _all_stated(fit_set))
-    model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
-    found = _run(estimator, schedule, model, Belief(errors.mean, np.diag(errors.sigma**2)), noise, tolerance, max_sweeps, q, r)
+    noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None or _all_stated(fit_set))
+    prior = Belief(errors.mean, np.diag(errors.sigma**2))
+
+    def run(data: Measurements) -> tuple[SpotModel, Estimate]:
+        model = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))
+        return model, _run(estimator, schedule, model, prior, noise, tolerance, max_sweeps, q, r, rng)
+
+    model, found = run(fit_set)
     if len(found.history) == 1:
         _require_beams_on_screen(model, errors.mean)
+    outliers: tuple[Outlier, ...] = ()
+    if gated and schedule == "iterated" and estimator != "robust":
+        fit_set, model, found, outliers = _gated(model, found, prior, noise, run)
     here = model.linearise(found.belief.x)
     seen = identify(errors.names, found.belief.x, found.belief.P, errors.sigma)
     freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
@@ -129,6 +147,7 @@ def fit(
         estimate=found,
         identifiability=seen,
         before=evaluate(robot, fit_set),
+        outliers=outliers,
         after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
         chi_squared=found.noise.chi_squared(here) / max(freedom, 1.0),
@@ -172,9 +191,15 @@ def laid_over(
 
 
 def _run(
-    estimator: str, schedule: str, model: SpotModel, prior: Belief, noise: Noise, tolerance: float | None, max_sweeps: int | None, q: float, r: float
+    estimator: str, schedule: str, model: SpotModel, prior: Belief, noise: Noise, tolerance: float | None, max_sweeps: int | None, q: float, r: float, rng: np.random.Generator | None
 ) -> Estimate:
     wanted: dict[str, Any] = {"max_sweeps": max_sweeps} if tolerance is None else {"max_sweeps": max_sweeps, "tolerance": tolerance}
+    if estimator == "robust":
+        return reweighted(model.linearise, prior, noise)
+    if estimator == "evolution":
+        from urdfcal.evolution import differential_evolution
+
+        return differential_evolution(model.linearise, prior, noise, rng or np.random.default_rng(0), **wanted)
     if estimator == "lse":
         from urdfcal.least_squares import levenberg_marquardt
 
@@ -182,6 +207,40 @@ def _run(
     if schedule == "paper":
         return paper_schedule(model.linearise, prior, noise, q=q, r=r, **wanted)
     return iterated_schedule(model.linearise, prior, noise, **wanted)
+
+
+def _gated(
+    model: SpotModel, found: Estimate, prior: Belief, noise: Noise, run: Callable[[Measurements], tuple[SpotModel, Estimate]]
+) -> tuple[Measurements, SpotModel, Estimate, tuple[Outlier, ...]]:
+    """Take out what the fit cannot explain; beams that were read for each other are exchanged before."""
+    data = model.data
+    gated, kept = gate(model.linearise, prior, noise, found)
+    if kept is None:
+        return data, model, found, ()
+    near = 5 * gated.noise.spot_sigma / MM
+    swapped = swapped_poses(data, model.predict(gated.belief.x)[0], near)
+    outliers: list[Outlier] = []
+    if swapped:
+        spots = data.spots.copy()
+        for pose, one, other in swapped:
+            spots[pose, [one, other]] = spots[pose, [other, one]]
+            words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
+            outliers.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(model, gated.belief.x, pose, one), words))
+        model, found = run(replace(data, spots=spots))
+        data = model.data
+        gated, kept = gate(model.linearise, prior, noise, found)
+    if kept is None:
+        return data, model, found, tuple(outliers)
+    for pose, laser in np.argwhere(data.seen & ~kept).tolist():
+        away = _distance_mm(model, gated.belief.x, pose, laser)
+        words = f"{away:.3g} mm from where the other spots put it, noise {gated.noise.spot_sigma / MM:.3g} mm"
+        outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
+    data = replace(data, spots=np.where(kept[..., None], data.spots, np.nan))
+    return data, SpotModel(model.errors, data, model.joints), gated, tuple(outliers)
+
+
+def _distance_mm(model: SpotModel, x: Vector, pose: int, laser: int) -> float:
+    return float(np.linalg.norm(model.predict(x)[0][pose, laser] - model.data.spots[pose, laser]) / MM)
 
 
 def _check(robot: Robot, data: Measurements, estimator: str, schedule: str, spot_sigma: float | None, q: float, r: float) -> None:
@@ -213,7 +272,8 @@ def _all_stated(data: Measurements) -> bool:
     return bool(np.isfinite(data.sigma[data.seen]).all())
 
 
-def _joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:
+def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:
+    """Standard deviation of every measured joint: one number for all turning joints, or one a joint, (inputs,)."""
     turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
     sigmas = np.asarray(joint_sigma, dtype=float)
     if sigmas.ndim and sigmas.shape != turning.shape:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from urdfcal import __version__
 from urdfcal.corrections import OriginCorrection, corrected_model
 from urdfcal.errors import CalibrationFileError, did_you_mean
-from urdfcal.files import read_yaml, write_whole
+from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult, SpotTable
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
@@ -125,8 +125,8 @@ class StoredCalibration:
         return origins, missing
 
 
-def write_calibration(path: str | Path, calibration: FitResult, command: Sequence[str]) -> None:
-    """Write a calibration as YAML, whole or not at all."""
+def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
+    """A calibration as YAML: provenance, rig, noise, origins, parameters, combinations, spot distances."""
     noise = calibration.estimate.noise
     content = {
         **_provenance(calibration.robot, command),
@@ -153,18 +153,17 @@ def write_calibration(path: str | Path, calibration: FitResult, command: Sequenc
     }
     if calibration.test:
         content["spots"]["test"] = {"before": _table(calibration.test[0]), "after": _table(calibration.test[1])}
-    _write(path, "Calibration by urdfcal. xyz and values in metres, rpy in radians, unless the name says otherwise.", content)
+    return _yaml("Calibration by urdfcal. xyz and values in metres, rpy in radians, unless the name says otherwise.", content)
 
 
-def write_truth(
-    path: str | Path,
+def truth_yaml(
     robot: Robot,
     corrections: Mapping[str, OriginCorrection],
     values: Mapping[str, float],
     command: Sequence[str],
     noise: Mapping[str, Any],
-) -> None:
-    """Write the errors of a simulated robot; the file can be applied like a calibration, which gives the true robot."""
+) -> bytes:
+    """The errors of a simulated robot as YAML; the file can be applied like a calibration, which gives the true robot."""
     content = {
         **_provenance(robot, command),
         "simulated": True,
@@ -172,7 +171,7 @@ def write_truth(
         "joints": joint_entries(corrections),
         "parameters": {name: {"value": float(value)} for name, value in values.items()},
     }
-    _write(path, "The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
+    return _yaml("The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
 
 
 def read_calibration(path: str | Path) -> StoredCalibration:
@@ -273,7 +272,7 @@ def _same(a: SE3, b: SE3) -> bool:
     return max(distance_mm_mrad(a, b)) < _SAME
 
 
-def _write(path: str | Path, comment: str, content: Mapping[str, Any]) -> None:
+def _yaml(comment: str, content: Mapping[str, Any]) -> bytes:
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     text = yaml.dump(dict(content), Dumper=dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
-    write_whole(path, f"# {comment}\n{text}".encode())
+    return f"# {comment}\n{text}".encode()

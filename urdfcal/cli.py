@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 import warnings
@@ -70,11 +71,25 @@ Fix = Annotated[
 Only = Annotated[
     list[str] | None, typer.Option("--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", show_default=False)
 ]
+JointSigma = Annotated[float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)]
+PriorJoint = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)
+]
+PriorMount = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)
+]
+PriorScreen = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)
+]
+PriorBeams = Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)]
 Json = Annotated[bool, typer.Option("--json", help="Print the result for machines, in SI units.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.", show_default=False)]
+
+_LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
+_MOST_DEGREES = 90.0
 
 
 @app.command()
@@ -96,21 +111,11 @@ def fit(
         float | None,
         typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
     ] = None,
-    joint_sigma_deg: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)
-    ] = None,
-    prior_joint: Annotated[
-        str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)
-    ] = None,
-    prior_mount: Annotated[
-        str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)
-    ] = None,
-    prior_screen: Annotated[
-        str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)
-    ] = None,
-    prior_beams: Annotated[
-        str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)
-    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
     tolerance: Annotated[
         float | None,
         typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False),
@@ -133,6 +138,7 @@ def fit(
     """Calibrate: write a corrected URDF and <stem>_calibration.yaml next to it, print the before/after table."""
     from urdfcal.calibration import fit as run_fit
     from urdfcal.calibration import laid_over
+    from urdfcal.files import write_together
     from urdfcal.measurements import read_measurements
     from urdfcal.report import calibration_blocks, calibration_json
 
@@ -153,7 +159,7 @@ def fit(
         estimator=estimator,
         schedule=schedule,
         options=options,
-        spot_sigma=_millimetres("--spot-sigma-mm", spot_sigma_mm) or (rig_file.noise.spot_mm or 0) * 1e-3 or None,
+        spot_sigma=_spot_noise(rig_file, spot_sigma_mm),
         joint_sigma=_joint_noise(arm, rig_file, joint_sigma_deg),
         tolerance=_positive("--tolerance", tolerance),
         max_sweeps=max_sweeps,
@@ -166,8 +172,7 @@ def fit(
         _warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
         calibration.require_trustworthy()
-    calibration.write(record, sys.argv)
-    calibration.write_urdf(urdf)
+    write_together({record: calibration.record(sys.argv), urdf: calibration.urdf()})
     _result(calibration_json(calibration) if as_json else None, calibration_blocks(calibration))
     _say(not as_json, f"\nwrote {urdf} and {record}" + _expanded_note(arm), sys.stdout)
     if calibration.rejection:
@@ -203,6 +208,58 @@ def evaluate(
     if "test" in tables:
         machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}
     _result(machine if as_json else None, [spot_table_block((name, table, None) for name, table in tables.items())])
+
+
+@app.command()
+def check(
+    robot: RobotFile,
+    measurements: DataFile,
+    rig: RigOption = None,
+    error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
+    spot_sigma_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: 1.", show_default=False)
+    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Tell what these measurements can and cannot determine, without fitting, and which others would help."""
+    import numpy as np
+
+    from urdfcal.calibration import laid_over
+    from urdfcal.check import check as run_check
+    from urdfcal.check_report import check_blocks, check_json
+    from urdfcal.measurements import read_measurements
+
+    rig_file = _rig_file(rig)
+    arm = _robot(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    _say(verbose, _about(arm))
+    data = read_measurements(measurements, arm)
+    priors = _priors(prior_joint, prior_mount, prior_screen, prior_beams)
+    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    result = run_check(
+        arm,
+        data,
+        options=options,
+        spot_sigma=_spot_noise(rig_file, spot_sigma_mm),
+        joint_sigma=_joint_noise(arm, rig_file, joint_sigma_deg),
+        rng=np.random.default_rng(seed),
+    )
+    _warn(result.warnings, quiet)
+    _result(check_json(result) if as_json else None, check_blocks(result))
 
 
 @app.command()
@@ -279,9 +336,10 @@ def simulate(
 
     import numpy as np
 
-    from urdfcal.calibration_file import write_truth
+    from urdfcal.calibration_file import truth_yaml
     from urdfcal.corrections import OriginCorrection
-    from urdfcal.measurements import write_measurements
+    from urdfcal.files import write_together
+    from urdfcal.measurements import measurements_csv
     from urdfcal.simulation import ScreenArea, draw_poses, noise_from
     from urdfcal.simulation import simulate as run_simulate
     from urdfcal.truth import truth_of
@@ -301,16 +359,13 @@ def simulate(
         name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
     }
     stated = {"distribution": noise, "spot_mm": spot_noise_mm, "joint_deg": joint_noise_deg, "seed": seed}
-    write_truth(truth_file, arm, corrections, dict(zip(model.names, x, strict=True)), sys.argv, stated)
-    write_measurements(
-        output,
-        data,
-        [
-            f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
-            f"seed {seed}, {noise} noise: spots {spot_noise_mm:g} mm, joints {joint_noise_deg:g} deg; errors: {Path(errors).name}",
-            "joints in rad (m where they slide), spots (y, z) on the screen in m",
-        ],
-    )
+    comments = [
+        f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
+        f"seed {seed}, {noise} noise: spots {spot_noise_mm:g} mm, joints {joint_noise_deg:g} deg; errors: {Path(errors).name}",
+        "joints in rad (m where they slide), spots (y, z) on the screen in m",
+    ]
+    truth = truth_yaml(arm, corrections, dict(zip(model.names, x, strict=True)), sys.argv, stated)
+    write_together({truth_file: truth, output: measurements_csv(data, comments)})
     _done(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
         f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
@@ -385,6 +440,9 @@ def version() -> None:
 
 def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
     try:
         code = app(standalone_mode=False, prog_name="urdfcal")
     except UrdfcalError as error:
@@ -454,8 +512,8 @@ def _joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
 
     from urdfcal.errors import RigError, no_such
 
-    if stated_deg is not None and not stated_deg >= 0:
-        raise UsageError(f"--joint-sigma-deg {stated_deg:g}: expected a number that is not negative")
+    if stated_deg is not None and not 0 <= stated_deg <= _MOST_DEGREES:
+        raise UsageError(f"--joint-sigma-deg {stated_deg:g}: expected a number from 0 to {_MOST_DEGREES:g}")
     common = stated_deg if stated_deg is not None else rig.noise.joint_deg or 0.0
     names = robot.chain.input_names
     for name in rig.noise.joints_deg:
@@ -466,16 +524,15 @@ def _joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     return np.radians(degrees)
 
 
-def _millimetres(option: str, value: float | None) -> float | None:
-    stated = _positive(option, value)
-    return None if stated is None else stated * 1e-3
+def _spot_noise(rig: RigFile, stated_mm: float | None) -> float | None:
+    """Standard deviation of a spot coordinate, [m], if it is stated anywhere."""
+    millimetres = _positive("--spot-sigma-mm", stated_mm) or rig.noise.spot_mm
+    return None if millimetres is None else millimetres * 1e-3
 
 
 def _positive(option: str, value: float | None) -> float | None:
-    import math
-
-    if value is not None and not (value > 0 and math.isfinite(value)):
-        raise UsageError(f"{option} {value:g}: expected a finite number above zero")
+    if value is not None and not _LEAST <= value <= _MOST:
+        raise UsageError(f"{option} {value:g}: expected a number between {_LEAST:g} and {_MOST:g}")
     return value
 
 

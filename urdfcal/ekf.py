@@ -102,14 +102,17 @@ def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Be
     return Belief(belief.x + K @ innovation, (P + P.T) / 2), float(innovation @ solved[:, -1])
 
 
-def compress(H: Matrix, innovation: Vector, scale: Vector) -> tuple[Matrix, Vector]:
+def compress(H: Matrix, innovation: Vector, sigma: Vector) -> tuple[Matrix, Vector]:
     """Replace many measurements of unit covariance by at most p that say the same of the state.
 
     Any root B of the information, B'B = H'H, will do, with the innovation B^-T H' innovation. Where the information is well
-    conditioned (in units of `scale`) that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that
-    rounding alone would claim to know.
+    conditioned that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that rounding alone would
+    claim to know. Both are taken in units of what each parameter would be known to by itself, given the standard deviations `sigma`
+    before the measurement.
     """
-    information, gradient = (H.T @ H) * np.outer(scale, scale), scale * (innovation @ H)
+    information = H.T @ H
+    scale = 1 / np.sqrt(np.diag(information) + 1 / sigma**2)
+    information, gradient = information * np.outer(scale, scale), scale * (innovation @ H)
     try:
         root = np.linalg.cholesky(information)
         pivots = np.diag(root)

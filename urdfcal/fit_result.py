@@ -15,6 +15,7 @@ from urdfcal.geometry import MM, Array3, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
 from urdfcal.robot import Robot
+from urdfcal.robust import Outlier
 
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
@@ -48,6 +49,7 @@ class FitResult:
         test_data: The poses that were only tested.
         estimator: Estimator and schedule.
         warnings: What the user ought to know.
+        outliers: Spots that were left out of fit and table, and beams that were exchanged.
     """
 
     robot: Robot
@@ -62,6 +64,7 @@ class FitResult:
     test_data: Measurements | None
     estimator: str
     warnings: tuple[str, ...] = ()
+    outliers: tuple[Outlier, ...] = ()
 
     @property
     def x(self) -> Vector:

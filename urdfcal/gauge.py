@@ -21,6 +21,7 @@ from urdfcal.slots import BEAMS, BEAMS4, MODELS, Kind, Slot, beam_slots, require
 
 CONFIGURATIONS = 50
 _DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
+_LEAST, _MOST = 1e-12, 1e6  # [m] and [rad]: priors beyond are no statement about a robot
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
@@ -245,6 +246,6 @@ def parse_prior(text: str) -> PriorScale:
 def _number_with_unit(word: str, units: Mapping[str, float]) -> tuple[float, str]:
     unit = word.lstrip("0123456789.eE+-")
     value = float(word[: len(word) - len(unit)]) * units.get(unit, np.nan)
-    if not value > 0 or not np.isfinite(value):
+    if not _LEAST < value < _MOST:
         raise ValueError(word)
     return value, unit

@@ -1,12 +1,22 @@
-"""What the data decided: which parameters, which of their combinations, and what was left to the prior.
+"""What the data can decide and what they decided: rank, hidden directions, combinations, observability indices.
 
-Being determined is measured against the prior: a parameter, or a combination, is determined when its posterior standard deviation
-is under half its prior one.
+Everything is measured against the prior: with the whitened Jacobian H and the prior standard deviations D, the singular values of
+H D tell how many times narrower than its prior the data make each direction of the state. A parameter, or a combination, is
+*determined* when its posterior standard deviation is under half its prior one; a direction is *hidden* when no spot moves with it
+at all.
+
+Observability indices of L seen directions with singular values s_1 >= ... >= s_L from m poses:
+
+    O1 = (s_1 ... s_L)^(1/L) / sqrt(m)     Borm and Menq, 1989/1991
+    O2 = s_L / s_1                         Driels and Pathre, 1990
+    O3 = s_L                               Nahvi, Hollerbach and Hayward, 1994
+    O4 = s_L^2 / s_1                       Nahvi and Hollerbach, 1996
+    O5 = 1 / (1/s_1 + ... + 1/s_L)         Sun and Hollerbach, 2008
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +24,7 @@ import numpy as np
 from urdfcal.geometry import Matrix, Vector
 
 DETERMINED = 0.5  # posterior over prior standard deviation
+HIDDEN = 1e-9  # share of the largest singular value under which a direction moves no spot
 _NEGLIGIBLE = 0.02  # share of a direction's largest component that is not worth a word
 
 
@@ -35,11 +46,7 @@ class Combination:
 
     def words(self) -> str:
         """`joint1.d_d + joint2.d_d`."""
-        text = ""
-        for name, weight in self.terms.items():
-            size = "" if abs(abs(weight) - 1) < 1e-3 else f"{abs(weight):.3g} "
-            text += f" {'-' if weight < 0 else '+'} {size}{name}"
-        return text.removeprefix(" + ").strip()
+        return in_words(self.terms)
 
 
 @dataclass(frozen=True)
@@ -80,10 +87,116 @@ def identify(names: Sequence[str], x: Vector, P: Matrix, prior_sigma: Vector) ->
     return Identifiability(len(names) - open_.shape[1], tuple(bool(flag) for flag in determined), tuple(combinations))
 
 
-def _combination(names: Sequence[str], weights: Vector, x: Vector, P: Matrix, prior_sigma: Vector) -> Combination:
+@dataclass(frozen=True)
+class Observability:
+    """What a set of poses can see before any fit.
+
+    Attributes:
+        singular_values: Of the prior-scaled, whitened Jacobian, (p,), largest first.
+        rank: How many directions move the spots at all.
+        hidden: What is left of the parameters that take part in hidden directions: the sums that do move the spots, and single
+            parameters that never do (weight on themselves, `seen` False).
+        weak: Directions that are seen, but not well enough to halve the prior, and how many times worse than the median one.
+        indices: O1 to O5.
+    """
+
+    singular_values: Vector
+    rank: int
+    hidden: tuple[HiddenSum, ...]
+    weak: tuple[tuple[str, float], ...]
+    indices: dict[str, float]
+
+
+@dataclass(frozen=True)
+class HiddenSum:
+    """A sum of parameters of which only the whole moves the spots, or a parameter that moves none."""
+
+    terms: dict[str, float]
+    seen: bool
+
+    def words(self) -> str:
+        """`only joint1.d_d + joint2.d_d moves the spots`."""
+        return f"only {in_words(self.terms)} moves the spots" if self.seen else f"{in_words(self.terms)} moves no spot"
+
+
+def observe(names: Sequence[str], H: Matrix, prior_sigma: Vector, poses: int) -> Observability:
+    """What a whitened Jacobian can see, in units of the prior.
+
+    Args:
+        names: Parameter names, (p,).
+        H: Whitened Jacobian, (m, p).
+        prior_sigma: Prior standard deviations, (p,).
+        poses: Number of poses, for O1.
+    """
+    _, values, rows = np.linalg.svd(np.linalg.qr(H * prior_sigma, mode="r"))
+    values = np.concatenate([values, np.zeros(len(names) - len(values))])
+    seen = values > HIDDEN * values[0]
+    strong = values[seen]
+    half = np.sqrt(1 / DETERMINED**2 - 1)  # below it the posterior keeps more than half of the prior
+    weak = [
+        (in_words(dict(zip(names, _cleaned(row * prior_sigma), strict=True))), float(np.median(strong) / value))
+        for row, value in zip(rows[seen], strong, strict=True)
+        if value < half
+    ]
+    return Observability(values, int(seen.sum()), tuple(_hidden(names, rows[~seen].T, prior_sigma)), tuple(weak), indices(strong, poses))
+
+
+def indices(values: Vector, poses: int) -> dict[str, float]:
+    """O1 to O5 of the singular values of the seen directions."""
+    return {
+        "O1": float(np.exp(np.mean(np.log(values))) / np.sqrt(poses)),
+        "O2": float(values[-1] / values[0]),
+        "O3": float(values[-1]),
+        "O4": float(values[-1] ** 2 / values[0]),
+        "O5": float(1 / np.sum(1 / values)),
+    }
+
+
+def correlated_groups(names: Sequence[str], P: Matrix, limit: float = 0.95) -> list[tuple[str, ...]]:
+    """Parameters that hang together by correlations above a limit, largest group first."""
+    sigma = np.sqrt(np.diag(P))
+    linked = np.abs(P / np.outer(sigma, sigma)) > limit
+    left, groups = set(range(len(names))), []
+    while left:
+        group, front = set(), {left.pop()}
+        while front:
+            group |= front
+            front = {other for member in front for other in np.flatnonzero(linked[member]).tolist()} - group
+        left -= group
+        if len(group) > 1:
+            groups.append(tuple(names[member] for member in sorted(group)))
+    return sorted(groups, key=len, reverse=True)
+
+
+def in_words(terms: Mapping[str, float]) -> str:
+    """A weighted sum as `joint1.d_d + joint2.d_d`, terms of weight 0 left out."""
+    text = ""
+    for name, weight in terms.items():
+        size = "" if abs(abs(weight) - 1) < 1e-3 else f"{abs(weight):.3g} "
+        text += f" {'-' if weight < 0 else '+'} {size}{name}" if weight else ""
+    return text.removeprefix(" + ").strip()
+
+
+def _hidden(names: Sequence[str], null: Matrix, prior_sigma: Vector) -> list[HiddenSum]:
+    sums = []
+    unseen = [index for index in range(len(names)) if null.size and np.linalg.norm(null[index]) > 1 - 1e-6]
+    for index in unseen:
+        sums.append(HiddenSum({names[index]: 1.0}, seen=False))
+    for weights in _determined_sums(null, prior_sigma):
+        terms = dict(zip(names, _cleaned(weights), strict=True))
+        sums.append(HiddenSum({name: weight for name, weight in terms.items() if weight}, seen=True))
+    return sums
+
+
+def _cleaned(weights: Vector) -> Vector:
+    """Scaled to a largest weight of one, the first positive, without what is negligible."""
     weights = weights / np.abs(weights).max()
-    first = weights[np.flatnonzero(weights)[0]]
-    weights = weights * np.sign(first)
+    weights = np.where(np.abs(weights) < _NEGLIGIBLE, 0.0, weights)
+    return np.asarray(weights * np.sign(weights[np.flatnonzero(weights)[0]]))
+
+
+def _combination(names: Sequence[str], weights: Vector, x: Vector, P: Matrix, prior_sigma: Vector) -> Combination:
+    weights = _cleaned(weights)
     sigma, prior = np.sqrt(weights @ P @ weights), np.linalg.norm(weights * prior_sigma)
     terms = {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}
     return Combination(terms, float(weights @ x), float(sigma), bool(sigma < DETERMINED * prior))

@@ -167,6 +167,11 @@ def read_measurements(path: str | Path, robot: Robot) -> Measurements:
 
 def write_measurements(path: str | Path, data: Measurements, comments: Iterable[str] = ()) -> None:
     """Write measurements as CSV in radians and metres, whole or not at all."""
+    write_whole(path, measurements_csv(data, comments))
+
+
+def measurements_csv(data: Measurements, comments: Iterable[str] = ()) -> bytes:
+    """Measurements as CSV in radians and metres."""
     header = ["pose", *data.joints, *(f"{laser}.{axis}" for laser in data.lasers for axis in "yz")]
     stated = [index for index in range(len(data.lasers)) if not np.isnan(data.sigma[:, index]).all()]
     header += [f"{data.lasers[index]}.sigma" for index in stated]
@@ -180,7 +185,7 @@ def write_measurements(path: str | Path, data: Measurements, comments: Iterable[
     for pose, row in enumerate(numbers):
         cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
         table.writerow([_label(data.poses[pose]), *cells, *(_label(mark[pose]) for mark in marks.values())])
-    write_whole(path, text.getvalue().encode(errors="backslashreplace"))
+    return text.getvalue().encode(errors="backslashreplace")
 
 
 def _label(text: str) -> str:

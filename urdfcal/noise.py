@@ -95,13 +95,24 @@ class Noise:
 
     def weights(self, here: Linearisation) -> Weights:
         """Whitening at one linearisation."""
-        sigma = np.where(np.isnan(here.stated_sigma), self.spot_sigma, here.stated_sigma)
         if not np.any(self.joint_sigma):
-            return Weights(1 / sigma)
-        reach = here.joint_jacobian * self.joint_sigma
+            return Weights(1 / self._sigma(here))
+        return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(here))))
+
+    def pose_covariance(self, here: Linearisation) -> Array3:
+        """R_i = R_spot + J_q R_q J_q' of every pose, (n, m, m); what was not measured has unit variance."""
+        reach = here.joint_jacobian * self.joint_sigma if np.any(self.joint_sigma) else np.zeros((*here.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
-        R[:, np.arange(sigma.shape[1]), np.arange(sigma.shape[1])] += np.where(here.measured, sigma**2, 1.0)
-        return Weights(np.linalg.inv(np.linalg.cholesky(R)))
+        numbers = np.arange(here.residual.shape[1])
+        R[:, numbers, numbers] += np.where(here.measured, self._sigma(here) ** 2, 1.0)
+        return np.asarray(R)
+
+    def times(self, factor: float) -> Noise:
+        """The same with the spot noise that many times as large."""
+        return replace(self, spot_sigma=max(self.spot_sigma * factor, _LEAST_SPOT_SIGMA))
+
+    def _sigma(self, here: Linearisation) -> Matrix:
+        return np.where(np.isnan(here.stated_sigma), self.spot_sigma, here.stated_sigma)
 
     def chi_squared(self, here: Linearisation) -> float:
         """Sum of the squared whitened residuals."""
@@ -111,7 +122,7 @@ class Noise:
     def estimated(self, here: Linearisation, degrees_of_freedom: float) -> Noise:
         """The spot noise that would make chi-squared equal its degrees of freedom, one fixed-point step on from this one."""
         ratio = self.chi_squared(here) / max(degrees_of_freedom, 1.0)
-        return replace(self, spot_sigma=max(self.spot_sigma * float(np.sqrt(ratio)), _LEAST_SPOT_SIGMA))
+        return self.times(float(np.sqrt(ratio)))
 
     def close_to(self, other: Noise) -> bool:
         """Whether another estimate of the spot noise is the same for all purposes."""

@@ -42,7 +42,7 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     tables = [("fit", calibration.before, calibration.after)]
     if calibration.test:
         tables.append(("test", *calibration.test))
-    return [_headline(calibration), "", spot_table_block(tables), "", parameter_table(calibration), *_undecided(calibration), *_carried(calibration.errors.carried)]
+    return [_headline(calibration), "", spot_table_block(tables), "", parameter_table(calibration), *_outliers(calibration), *_undecided(calibration), *_carried(calibration.errors.carried)]
 
 
 def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]]) -> RenderableType:
@@ -68,7 +68,7 @@ def parameter_table(calibration: FitResult) -> RenderableType:
     table.add_column("unit")
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     for parameter, value, sigma, determined in rows:
-        unit, size = _display(parameter.unit)
+        unit, size = displayed(parameter.unit)
         table.add_row(parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else "")
     return titled("Estimated errors", table)
 
@@ -132,6 +132,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "before": table_json(calibration.before),
         "after": table_json(calibration.after),
         "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
+        "outliers": [asdict(outlier) for outlier in calibration.outliers],
         "warnings": list(calibration.warnings),
     }
 
@@ -151,6 +152,11 @@ def _headline(calibration: FitResult) -> str:
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
         f"spot noise {noise.spot_sigma / MM:.3g} mm ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom"
     )
+
+
+def _outliers(calibration: FitResult) -> list[RenderableType]:
+    lines = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.outliers]
+    return ["", "Left out or mended as outliers:", *lines] if lines else []
 
 
 def _undecided(calibration: FitResult) -> list[RenderableType]:
@@ -183,12 +189,13 @@ def _mm(value: float) -> str:
     return f"{value:.3f}" if value < 100 else f"{value:.1f}"
 
 
-def _display(unit: str) -> tuple[str, float]:
+def displayed(unit: str) -> tuple[str, float]:
+    """Unit that people read, and its size in SI: mm for m, deg for rad."""
     return ("mm", MM) if unit == "m" else ("deg", DEG)
 
 
 def _display_of(units: set[str]) -> tuple[str, float]:
-    return _display(units.pop()) if len(units) == 1 else ("(m and rad)", 1.0)
+    return displayed(units.pop()) if len(units) == 1 else ("(m and rad)", 1.0)
 
 
 def figures_table(*labels: str) -> Table:

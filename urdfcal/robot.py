@@ -90,7 +90,8 @@ def robot_from(description: Description, *, screen: str | None = None, lasers: S
 
 
 def _pinocchio_model(description: Description) -> Any:
-    text = etree.tostring(etree.fromstring(description.text), encoding="unicode")  # drops the declaration of an encoding
+    plain = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True)
+    text = etree.tostring(etree.fromstring(description.text, plain), encoding="unicode")  # drops the declaration of an encoding
     with _native_stderr() as complaints:
         try:
             model = pin.buildModelFromXML(text)

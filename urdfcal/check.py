@@ -1,0 +1,240 @@
+"""What a set of measurements can and cannot determine, without fitting, and which further ones would help."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.calibration import joint_sigmas, model_warnings
+from urdfcal.ekf import Belief, compress, update
+from urdfcal.error_model import ErrorModel
+from urdfcal.frame_jacobian import ArmKinematics, motion_at
+from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
+from urdfcal.geometry import DEG, MM, Matrix, Vector, X
+from urdfcal.identifiability import Identifiability, Observability, identify, observe
+from urdfcal.measurements import Mask, Measurements, measurements_from
+from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
+from urdfcal.robot import Robot
+from urdfcal.sensors import spot_jacobian, spots_on_screen
+from urdfcal.simulation import joint_limits
+from urdfcal.spot_model import SpotModel
+
+_SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
+_MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
+_WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
+_REACH = 3.0  # [m] longest beam of a pose that is suggested
+_LEAST_ZX = 0.3
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """Measurements that would help.
+
+    Attributes:
+        words: What to measure.
+        gain: Share of the open uncertainty that they remove, beyond what as many more of the same poses would.
+        determines: Parameters that would be determined in addition.
+    """
+
+    words: str
+    gain: float
+    determines: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Check:
+    """What measurements can determine.
+
+    Attributes:
+        robot: The robot.
+        errors: Parameters and priors.
+        data: The poses.
+        noise: Assumed noise.
+        observability: Rank, hidden and weak directions, indices: what is seen at all.
+        predicted: What a fit would determine, given noise and priors.
+        sigma: Standard deviation that a fit would claim for each parameter, (p,).
+        suggestions: What would help, best first.
+        warnings: What the chosen error model cannot follow.
+    """
+
+    robot: Robot
+    errors: ErrorModel
+    data: Measurements
+    noise: Noise
+    observability: Observability
+    predicted: Identifiability
+    sigma: Vector
+    suggestions: tuple[Suggestion, ...]
+    warnings: tuple[str, ...]
+
+
+def check(
+    robot: Robot,
+    data: Measurements,
+    *,
+    options: ModelOptions | None = None,
+    spot_sigma: float | None = None,
+    joint_sigma: float | Vector = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Check:
+    """Tell what the fit poses of some measurements can determine; the spots' values play no part, only which were seen.
+
+    Args:
+        robot: Nominal robot.
+        data: Joint positions, and which beams were seen.
+        options: What is to be calibrated.
+        spot_sigma: Noise of a spot coordinate, [m]; 1 mm if None.
+        joint_sigma: Noise of a joint reading, [rad].
+        rng: For the poses that suggestions are tried with; seeded by default.
+    """
+    options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
+    fit_set, _ = data.split()
+    errors = build_error_model(robot.chain, robot.rig, options, fit_set.session_names)
+    noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma))
+    H = _whitened(errors, fit_set, noise, errors.mean)
+    P = _posterior(errors, H)
+    predicted = identify(errors.names, errors.mean, P, errors.sigma)
+    tried = [*_tried(robot, errors, options, fit_set, noise, H, rng), *_missing_yaw(robot, errors)]
+    return Check(
+        robot=robot,
+        errors=errors,
+        data=fit_set,
+        noise=noise,
+        observability=observe(errors.names, H, errors.sigma, len(fit_set)),
+        predicted=predicted,
+        sigma=np.sqrt(np.diag(P)),
+        suggestions=tuple(sorted(tried, key=lambda suggestion: -suggestion.gain)),
+        warnings=(*data.warnings, *model_warnings(robot, errors, options)),
+    )
+
+
+def _whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) -> Matrix:
+    here = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma))).linearise(x)
+    return noise.weights(here).jacobian(here)
+
+
+def _posterior(errors: ErrorModel, H: Matrix) -> Matrix:
+    rows, _ = compress(H, np.zeros(len(H)), errors.sigma)
+    return update(Belief(errors.mean, np.diag(errors.sigma**2)), np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
+
+
+def _open(errors: ErrorModel, P: Matrix) -> float:
+    """How much of the prior is left: the sum of posterior over prior variances."""
+    return float(np.sum(np.diag(P)[: len(errors.sigma)] / errors.sigma**2))
+
+
+def _tried(
+    robot: Robot, errors: ErrorModel, options: ModelOptions, data: Measurements, noise: Noise, H: Matrix, rng: np.random.Generator
+) -> Iterator[Suggestion]:
+    """Candidate measurements that remove more of the open uncertainty than as many more of the same would."""
+    same = _posterior(errors, np.vstack([H, H]))
+    known = set(_determined(errors, same))
+    candidates = [*_more_range(robot, errors, data, noise, rng), *_second_beam(robot, errors, data, noise)]
+    for words, extra in candidates:
+        P = _posterior(errors, np.vstack([H, extra]))
+        yield from _worth(errors, words, _open(errors, same), P, known)
+    if errors.chain.steps[0].forward or errors.chain.screen_joint is not None:
+        yield from _worth(errors, _SESSION_WORDS, _open(errors, same), _with_session(robot, errors, options, data, noise, H), known)
+
+
+_SESSION_WORDS = "the same poses once more with the screen moved and turned (mark them as another `session`)"
+
+
+def _worth(errors: ErrorModel, words: str, before: float, P: Matrix, known: set[str]) -> Iterator[Suggestion]:
+    gain = 1 - _open(errors, P) / before
+    more = tuple(name for name in _determined(errors, P) if name not in known)
+    if gain > _WORTH_A_WORD or more:
+        yield Suggestion(words, gain, more)
+
+
+def _determined(errors: ErrorModel, P: Matrix) -> list[str]:
+    p = len(errors.names)
+    return [
+        name for name, yes in zip(errors.names, identify(errors.names, errors.mean, P[:p, :p], errors.sigma).determined, strict=True) if yes
+    ]
+
+
+def _more_range(
+    robot: Robot, errors: ErrorModel, data: Measurements, noise: Noise, rng: np.random.Generator
+) -> Iterator[tuple[str, Matrix]]:
+    """As many poses again, each with one joint anywhere within its limits at which the beams still meet the screen."""
+    lower, upper = joint_limits(robot)
+    for index, joint in enumerate(robot.chain.inputs):
+        q = np.repeat(data.q, 8, axis=0)
+        q[:, index] = rng.uniform(lower[index], upper[index], len(q))
+        q = q[_meets_screen(errors, q)][rng.permutation(np.count_nonzero(_meets_screen(errors, q)))][: len(data)]
+        if len(q) < len(data) // 2 or not _wider(q[:, index], data.q[:, index]):
+            continue
+        poses = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
+        first = replace(poses, sessions=np.full(len(q), errors.sessions[0]))
+        unit, size = ("mm", MM) if joint.prismatic else ("deg", DEG)
+        has = f"{data.q[:, index].min() / size:.0f} to {data.q[:, index].max() / size:.0f} {unit}"
+        words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {q[:, index].min() / size:.0f} to {q[:, index].max() / size:.0f} {unit}"
+        yield words, _whitened(errors, first, noise, errors.mean)
+
+
+def _wider(new: Vector, old: Vector) -> bool:
+    return bool(np.ptp(new) > 1.2 * np.ptp(old) + 1e-9)
+
+
+def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
+    arm = ArmKinematics(errors.chain)
+    motion = motion_at(arm, errors.placements(errors.mean, errors.sessions[0]).still(), arm.chain_positions(q))
+    _, length = spots_on_screen(motion.source, motion.direction)
+    with np.errstate(invalid="ignore"):
+        hits = ((length > 0) & (length < _REACH) & (np.abs(motion.direction[..., 0]) > _LEAST_ZX)).all(axis=1)
+    return np.asarray(hits)
+
+
+def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: Noise) -> Iterator[tuple[str, Matrix]]:
+    """A further beam turned about the module's x axis, where only one is seen."""
+    if (np.count_nonzero(data.seen, axis=1) > 1).any() or any(parameter.kind == "beam" for parameter in errors.parameters):
+        return
+    seen = int(np.argmax(data.seen.any(axis=0)))
+    arm, placed = ArmKinematics(errors.chain), errors.placements(errors.mean, errors.sessions[0])
+    own = placed.lasers[seen]
+    for angle in (_SPREAD, -_SPREAD):
+        turned = own * pin.SE3(pin.exp3(X * angle), np.zeros(3))
+        motion = motion_at(arm, replace(placed, lasers=[turned]), arm.chain_positions(data.q))
+        spots, length = spots_on_screen(motion.source, motion.direction)
+        hits = (length > 0) & (length < _REACH) & (np.abs(motion.direction[..., 0]) > _LEAST_ZX)
+        if hits.mean() > 0.5:
+            J = (spot_jacobian(spots, motion.direction)[:, 0] @ motion.jac1)[hits[:, 0]]
+            yield (
+                f"a second beam, turned by about {abs(angle) / DEG:.0f} deg against {robot.rig.lasers[seen]}",
+                J.reshape(-1, J.shape[-1]) / noise.spot_sigma,
+            )
+            return
+
+
+def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data: Measurements, noise: Noise, H: Matrix) -> Matrix:
+    """Posterior of our parameters with the same poses seen on a screen that stands elsewhere."""
+    moved = build_error_model(robot.chain, robot.rig, options, (*errors.sessions, "moved"))
+    x = moved.mean.copy()
+    for name, value in _MOVED_SCREEN.items():
+        x[moved.names.index(f"{robot.rig.screen}:moved.{name}")] = value
+    again = replace(data, sessions=np.full(len(data), "moved"), spots=np.where(np.isnan(data.spots), np.nan, 0.0))
+    here = SpotModel(moved, again, joints=bool(np.any(noise.joint_sigma))).linearise(x)
+    extra = noise.weights(here).jacobian(_without_lost(here))
+    wide = np.zeros((len(H), len(moved.names)))
+    wide[:, [moved.names.index(name) for name in errors.names]] = H
+    order = [moved.names.index(name) for name in errors.names] + [
+        index for index, name in enumerate(moved.names) if name not in errors.names
+    ]
+    P = _posterior(moved, np.vstack([wide, extra]))
+    return P[np.ix_(order, order)]
+
+
+def _without_lost(here: Linearisation) -> Linearisation:
+    """Beams that no longer meet a moved screen do not count."""
+    bad = ~np.isfinite(here.jacobian).all(axis=2) | (np.abs(here.jacobian).max(axis=2) > 1e2)
+    return replace(here, jacobian=np.where(bad[..., None], 0.0, here.jacobian))
+
+
+def _missing_yaw(robot: Robot, errors: ErrorModel) -> Iterator[Suggestion]:
+    missing = missing_screen_parameters(robot.chain, robot.rig, errors)
+    if missing:
+        yield Suggestion("--estimate screen: the base frame lies on the screen, whose placement is not complete without it", 1.0, missing)
