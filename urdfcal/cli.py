@@ -105,7 +105,7 @@ def fit(
     estimate: Estimate = None,
     fix: Fix = None,
     only: Only = None,
-    estimator: Annotated[str, typer.Option(help="ekf or lse (Levenberg-Marquardt).")] = "ekf",
+    estimator: Annotated[str, typer.Option(help="ekf, lse (Levenberg-Marquardt), robust (Student's t) or evolution.")] = "ekf",
     schedule: Annotated[str, typer.Option(help="Of the EKF: iterated (maximum a posteriori) or paper (sweeps with Q and R).")] = "iterated",
     spot_sigma_mm: Annotated[
         float | None,
@@ -125,17 +125,21 @@ def fit(
     ] = None,
     q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
     r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
+    gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
     test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
     package_dir: PackageDirs = None,
+    seed: Seed = 0,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Calibrate: write a corrected URDF and <stem>_calibration.yaml next to it, print the before/after table."""
+    import numpy as np
+
     from urdfcal.calibration import fit as run_fit
     from urdfcal.calibration import laid_over
     from urdfcal.files import write_together
@@ -165,6 +169,8 @@ def fit(
         max_sweeps=max_sweeps,
         q=q,
         r=r,
+        gated=gate,
+        rng=np.random.default_rng(seed),
         test=further,
     )
     _warn(calibration.warnings + (further.warnings if further else ()), quiet)

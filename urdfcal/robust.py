@@ -151,7 +151,7 @@ def gate(linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, **s
         The fit without outliers, and which spots it kept, (n, lasers); None if all.
     """
     here = linearise(first.belief.x)
-    if not (first.converged and here.usable) or _inside(here, first.noise)[here.measured[:, ::2]].all():
+    if not here.usable or (first.converged and _inside(here, first.noise)[here.measured[:, ::2]].all()):
         return first, None
     estimate = reweighted(linearise, prior, noise)
     kept = np.empty(0, dtype=bool)
@@ -179,7 +179,7 @@ def gate(linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, **s
 def _inside(here: Linearisation, noise: Noise) -> Mask:
     """Which spots chance could have put where they are, at the scale of the bulk; what was not measured counts as inside."""
     d2 = squared_distances(here, noise)
-    scale = max(robust_scale(d2), 1.0)
+    scale = max(robust_scale(d2), 1.0) if noise.stated else robust_scale(d2)  # noise that was estimated may hold the outliers themselves
     limit = -2 * np.log(_CHANCE / max(here.count // 2, 1)) * scale**2  # chi-squared of two degrees is exponential
     return np.asarray(np.isnan(d2) | (d2 <= limit))
 

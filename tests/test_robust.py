@@ -1,0 +1,89 @@
+"""Outliers: weights, the gate, and beams that were read for each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from urdfcal.calibration import fit
+from urdfcal.fit_result import rms_mm
+from urdfcal.measurements import Measurements
+from urdfcal.noise import Linearisation, Noise
+from urdfcal.robot import Robot
+from urdfcal.robust import robust_scale, squared_distances
+from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
+
+
+@pytest.fixture
+def clean(robots: dict[str, Robot], rng: np.random.Generator) -> Measurements:
+    """80 noisy poses of a Panda with errors in six directions."""
+    robot = robots["panda"]
+    model, truth = random_truth(robot, rng, 3e-3, np.radians(0.3))
+    return simulate(robot, model, truth, draw_poses(robot, model, truth, 80, rng), rng, SimulatedNoise(1e-3))
+
+
+def test_squared_distances_are_chi_squared_of_two(rng: np.random.Generator) -> None:
+    """For Gaussian residuals with joint noise the squared distances have mean 2 and the robust scale 1."""
+    n = 4000
+    J_q = rng.normal(size=(n, 4, 2))
+    noise = Noise(0.5, np.array([0.3, 0.2]))
+    residual = 0.5 * rng.normal(size=(n, 4)) + (J_q @ (rng.normal(size=(n, 2)) * noise.joint_sigma)[..., None])[..., 0]
+    here = Linearisation(residual, np.zeros((n, 4, 1)), J_q, np.ones((n, 4), dtype=bool), np.full((n, 4), np.nan))
+    d2 = squared_distances(here, noise)
+    assert d2.mean() == pytest.approx(2.0, rel=0.05)
+    assert robust_scale(d2) == pytest.approx(1.0, rel=0.03)
+
+
+def test_clean_data_lose_nothing(robots: dict[str, Robot], clean: Measurements) -> None:
+    """Without outliers the gate leaves the fit exactly as it is."""
+    gated, plain = (fit(robots["panda"], clean, gated=gated) for gated in (True, False))
+    assert gated.outliers == ()
+    np.testing.assert_array_equal(gated.x, plain.x)
+
+
+@pytest.mark.parametrize("stated", [None, 1e-3], ids=["noise estimated", "noise stated"])
+def test_gross_outliers_are_named_and_left_out(robots: dict[str, Robot], clean: Measurements, rng: np.random.Generator, stated: float | None) -> None:
+    """A fifth of the spots thrown off by centimetres is found, every one of them, and the estimate stays at the clean one."""
+    hit = rng.random(clean.seen.shape) < 0.2
+    spots = clean.spots + hit[..., None] * rng.choice([-0.1, 0.1], (*hit.shape, 2))
+    found, expected = fit(robots["panda"], replace(clean, spots=spots), spot_sigma=stated), fit(robots["panda"], clean, spot_sigma=stated)
+    named = {(outlier.pose, outlier.laser) for outlier in found.outliers}
+    thrown = {(f"pose {clean.poses[pose]}", clean.lasers[laser]) for pose, laser in np.argwhere(hit)}
+    assert thrown <= named
+    assert len(named - thrown) <= 2
+    assert np.abs((found.x - expected.x) / found.sigma).max() < 3
+    assert rms_mm(found.after) < 2
+    assert found.rejection == ""
+    assert all("mm from where the other spots put it" in outlier.reason for outlier in found.outliers)
+
+
+def test_the_robust_estimator_needs_no_gate(robots: dict[str, Robot], clean: Measurements, rng: np.random.Generator) -> None:
+    """Student's t holds the estimate near the clean one under a fifth of outliers, and near the filter's without any."""
+    hit = rng.random(clean.seen.shape) < 0.2
+    spoilt = replace(clean, spots=clean.spots + hit[..., None] * 0.08)
+    expected = fit(robots["panda"], clean)
+    for data in (clean, spoilt):
+        found = fit(robots["panda"], data, estimator="robust")
+        assert found.converged
+        assert np.abs((found.x - expected.x) / expected.sigma).max() < 3.5
+
+
+def test_swapped_beams_are_exchanged_and_said(robots: dict[str, Robot], clean: Measurements) -> None:
+    """Poses at which one beam was read as the other are recognised, exchanged and named; the fit is the clean one."""
+    spots = clean.spots.copy()
+    spots[[3, 17, 40]] = spots[[3, 17, 40]][:, ::-1]
+    found = fit(robots["panda"], replace(clean, spots=spots))
+    assert [outlier.pose for outlier in found.outliers] == ["pose 4", "pose 18", "pose 41"]
+    assert all("read for each other" in outlier.reason for outlier in found.outliers)
+    np.testing.assert_allclose(found.x, fit(robots["panda"], clean).x, atol=1e-9)
+
+
+def test_evolution_ends_where_the_filter_does(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Differential evolution, polished, finds the same estimate as the filter."""
+    robot = robots["arm4"]
+    model, truth = random_truth(robot, rng, 2e-3, np.radians(0.2))
+    data = simulate(robot, model, truth, draw_poses(robot, model, truth, 40, rng), rng, SimulatedNoise(1e-3))
+    found, expected = fit(robot, data, estimator="evolution", spot_sigma=1e-3), fit(robot, data, spot_sigma=1e-3)
+    assert np.abs((found.x - expected.x) / expected.sigma).max() < 1e-6
