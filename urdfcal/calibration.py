@@ -14,8 +14,9 @@ from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import corrected_model
 from urdfcal.dh import dh_table
 from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
-from urdfcal.error_model import ErrorModel, PriorScale
+from urdfcal.error_model import ErrorModel, PriorScale, matching
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
+from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult, SpotTable, spot_table
 from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
@@ -87,6 +88,7 @@ def fit(
     q: float = 1e-4,
     r: float = 1e-4,
     gated: bool = True,
+    evidence: bool = False,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
 ) -> Calibration:
@@ -113,6 +115,7 @@ def fit(
         r: R = r I of the `paper` schedule, [m^2].
         gated: Take out spots that the fit cannot explain, exchange beams that were read for each other, and refit (not for `robust`
             and the `paper` schedule).
+        evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence (EKF, at least 20 poses).
         rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
 
@@ -138,6 +141,9 @@ def fit(
     outliers: tuple[Outlier, ...] = ()
     if gated and schedule == "iterated" and estimator != "robust":
         fit_set, model, found, outliers = _gated(model, found, prior, noise, run)
+    chosen: Evidence | None = None
+    if evidence:
+        errors, found, chosen = _by_evidence(model, errors, noise, found, options)
     here = model.linearise(found.belief.x)
     seen = identify(errors.names, found.belief.x, found.belief.P, errors.sigma)
     freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
@@ -148,6 +154,7 @@ def fit(
         identifiability=seen,
         before=evaluate(robot, fit_set),
         outliers=outliers,
+        evidence=chosen,
         after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
         chi_squared=found.noise.chi_squared(here) / max(freedom, 1.0),
@@ -237,6 +244,18 @@ def _gated(
         outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
     data = replace(data, spots=np.where(kept[..., None], data.spots, np.nan))
     return data, SpotModel(model.errors, data, model.joints), gated, tuple(outliers)
+
+
+def _by_evidence(
+    model: SpotModel, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
+) -> tuple[ErrorModel, Estimate, Evidence | None]:
+    """Refit with the joints' prior scales chosen by evidence; priors that were stated stay."""
+    if "joint" in options.priors:
+        raise UsageError("the joints' priors are stated, and are to be chosen by evidence; use one of the two")
+    if len(model.data) < LEAST_POSES or not found.converged:
+        return errors, found, None
+    stated = [name for pattern, said in options.single.items() if said.sigma is not None for name in matching(errors.parameters, pattern)]
+    return by_evidence(model.linearise, errors, noise, found, stated)
 
 
 def _distance_mm(model: SpotModel, x: Vector, pose: int, laser: int) -> float:

@@ -112,6 +112,9 @@ def fit(
         typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
     ] = None,
     joint_sigma_deg: JointSigma = None,
+    prior: Annotated[
+        str, typer.Option(help="stated: the priors below; auto: the data choose the joints' prior scales (at least 20 poses).")
+    ] = "stated",
     prior_joint: PriorJoint = None,
     prior_mount: PriorMount = None,
     prior_screen: PriorScreen = None,
@@ -170,6 +173,7 @@ def fit(
         q=q,
         r=r,
         gated=gate,
+        evidence=_chosen(prior),
         rng=np.random.default_rng(seed),
         test=further,
     )
@@ -503,6 +507,12 @@ def _rig_file(path: Path | None) -> RigFile:
     from urdfcal.rig_file import RigFile, read_rig_file
 
     return RigFile() if path is None else read_rig_file(path)
+
+
+def _chosen(prior: str) -> bool:
+    if prior not in ("stated", "auto"):
+        raise UsageError(f"--prior {prior}: expected stated or auto")
+    return prior == "auto"
 
 
 def _priors(joint: str | None, mount: str | None, screen: str | None, beams: str | None) -> dict[Kind, PriorScale]:

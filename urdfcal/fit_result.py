@@ -11,6 +11,7 @@ from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import FitRejected
+from urdfcal.evidence import Evidence
 from urdfcal.geometry import MM, Array3, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
@@ -49,6 +50,7 @@ class FitResult:
         test_data: The poses that were only tested.
         estimator: Estimator and schedule.
         warnings: What the user ought to know.
+        evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
     """
 
@@ -65,6 +67,7 @@ class FitResult:
     estimator: str
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
+    evidence: Evidence | None = None
 
     @property
     def x(self) -> Vector:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from urdfcal.evidence import Evidence
     from urdfcal.fit_result import FitResult, SpotTable
 
 WIDTH = 100
@@ -42,7 +43,16 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     tables = [("fit", calibration.before, calibration.after)]
     if calibration.test:
         tables.append(("test", *calibration.test))
-    return [_headline(calibration), "", spot_table_block(tables), "", parameter_table(calibration), *_outliers(calibration), *_undecided(calibration), *_carried(calibration.errors.carried)]
+    return [
+        _headline(calibration),
+        "",
+        spot_table_block(tables),
+        "",
+        parameter_table(calibration),
+        *_outliers(calibration),
+        *_undecided(calibration),
+        *_carried(calibration.errors.carried),
+    ]
 
 
 def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]]) -> RenderableType:
@@ -69,7 +79,9 @@ def parameter_table(calibration: FitResult) -> RenderableType:
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     for parameter, value, sigma, determined in rows:
         unit, size = displayed(parameter.unit)
-        table.add_row(parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else "")
+        table.add_row(
+            parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else ""
+        )
     return titled("Estimated errors", table)
 
 
@@ -84,7 +96,10 @@ def value_and_sigma(value: float, sigma: float) -> str:
 def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
     """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
     rows, corrected = list(rows), None if corrected is None else list(corrected)
-    tilts, slides = any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])), any(abs(row.slide) > 1e-9 for row in rows + (corrected or []))
+    tilts, slides = (
+        any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])),
+        any(abs(row.slide) > 1e-9 for row in rows + (corrected or [])),
+    )
     names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
     table = figures_table("joint")
     for name in names:
@@ -132,6 +147,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "before": table_json(calibration.before),
         "after": table_json(calibration.after),
         "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
+        "prior_scales": None if calibration.evidence is None else dict(calibration.evidence.scales),
         "outliers": [asdict(outlier) for outlier in calibration.outliers],
         "warnings": list(calibration.warnings),
     }
@@ -147,10 +163,20 @@ def _headline(calibration: FitResult) -> str:
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
     kind = "stated" if noise.stated else "estimated from the residual"
+    chosen = calibration.evidence
+    scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
         f"{calibration.robot.name}: {len(calibration.errors.names)} parameters from {len(data)} poses with {int(data.seen.sum())} spots\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
-        f"spot noise {noise.spot_sigma / MM:.3g} mm ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom"
+        f"spot noise {noise.spot_sigma / MM:.3g} mm ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
+    )
+
+
+def _scales(chosen: Evidence) -> str:
+    mm, mrad = chosen.scales["translation"] / MM, 1e3
+    return (
+        f"priors chosen by evidence: joint translations {mm:.2g} mm, rotations {chosen.scales['rotation'] * mrad:.2g} mrad, "
+        f"zeros {chosen.scales['zero'] * mrad:.2g} mrad"
     )
 
 

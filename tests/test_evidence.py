@@ -1,0 +1,77 @@
+"""Prior scales chosen by the data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from urdfcal.calibration import fit
+from urdfcal.ekf import Belief, iterated_schedule
+from urdfcal.error_model import ErrorModel, Parameter, PriorScale
+from urdfcal.errors import UsageError
+from urdfcal.evidence import START_SCALES, by_evidence, group_of
+from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
+from urdfcal.noise import Linearisation, Noise
+from urdfcal.robot import Robot
+from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
+
+
+def linear(rng: np.random.Generator, names: list[str], truth: np.ndarray, noise: float, n: int = 300) -> tuple[ErrorModel, object]:
+    """A linear problem whose parameters are named as a robot's."""
+    J = rng.normal(size=(n, len(names)))
+    y = J @ truth + rng.normal(0, noise, n)
+    ones = np.ones((n, 1), dtype=bool)
+
+    def linearise(x: np.ndarray) -> Linearisation:
+        return Linearisation((y - J @ x)[:, None], J[:, None], np.empty((n, 1, 0)), ones, np.full((n, 1), np.nan))
+
+    parameters = tuple(Parameter(name, "m" if name.endswith(("d_a", "d_d")) else "rad", "joint", 0.0, 0.01) for name in names)
+    return ErrorModel(None, (), parameters), linearise  # type: ignore[arg-type]
+
+
+def test_scales_and_noise_are_those_of_the_truth(rng: np.random.Generator) -> None:
+    """With many parameters of each kind the chosen scales are the spread of the truth, and the noise is the noise."""
+    names = [f"j{joint}.{last}" for joint in range(40) for last in ("d_a", "d_d", "d_alpha", "d_theta")]
+    spread = np.array([{"d_a": 1e-3, "d_d": 1e-3, "d_alpha": 4e-3, "d_theta": 2e-2}[name.split(".")[1]] for name in names])
+    errors, linearise = linear(rng, names, rng.normal(0, 1, len(names)) * spread, 2e-3, 1000)
+    noise = Noise(1e-3, np.zeros(0), stated=False)
+    first = iterated_schedule(linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise)
+    _, found, chosen = by_evidence(linearise, errors, noise, first)
+    assert chosen.scales["translation"] == pytest.approx(1e-3, rel=0.25)
+    assert chosen.scales["rotation"] == pytest.approx(4e-3, rel=0.35)
+    assert chosen.scales["zero"] == pytest.approx(2e-2, rel=0.35)
+    assert found.noise.spot_sigma == pytest.approx(2e-3, rel=0.1)
+
+
+def test_groups_are_of_joints_alone() -> None:
+    """Mount, screen and beams keep their stated priors."""
+    kinds = {"joint1.d_a": "joint", "joint1.d_beta": "joint", "joint1.d_theta": "joint", "slm.rot_x": "mount", "screen.trans_x": "screen"}
+    groups = [group_of(Parameter(name, "m" if name[-1] in "a" and "beta" not in name and "theta" not in name else "rad", kind, 0, 1)) for name, kind in kinds.items()]  # type: ignore[arg-type]
+    assert groups == ["translation", "rotation", "zero", "", ""]
+
+
+def test_a_perfect_robot_is_left_nearly_alone(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where the joints have no errors the chosen scales shrink, and the estimate is nearer to zero than with the defaults."""
+    robot = robots["ur5"]
+    errors = build_error_model(robot.chain, robot.rig)
+    zero = np.zeros(len(errors.names))
+    data = simulate(robot, errors, zero, draw_poses(robot, errors, zero, 40, rng), rng, SimulatedNoise(1e-3))
+    plain, chosen = fit(robot, data), fit(robot, data, evidence=True)
+    assert chosen.evidence is not None
+    assert chosen.evidence.scales["zero"] < START_SCALES["zero"]
+    joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
+    assert np.linalg.norm((chosen.x / errors.sigma)[joints]) < 0.5 * np.linalg.norm((plain.x / errors.sigma)[joints])
+
+
+def test_stated_priors_stay(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A prior that is stated for a parameter is kept; one for all joints contradicts the wish; few poses keep the defaults."""
+    robot = robots["ur5"]
+    errors = build_error_model(robot.chain, robot.rig)
+    zero = np.zeros(len(errors.names))
+    data = simulate(robot, errors, zero, draw_poses(robot, errors, zero, 40, rng), rng, SimulatedNoise(1e-3))
+    own = ModelOptions(single={"elbow_joint.d_a": ParameterPrior(sigma=5e-3)})
+    found = fit(robot, data, options=own, evidence=True)
+    assert dict(zip(found.errors.names, found.errors.sigma, strict=True))["elbow_joint.d_a"] == 5e-3
+    with pytest.raises(UsageError, match="use one of the two"):
+        fit(robot, data, priors={"joint": PriorScale(1e-3, 1e-3)}, evidence=True)
+    assert fit(robot, data.subset(np.arange(15)), evidence=True).evidence is None
