@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from urdfcal.errors import FitRejected, InputError, UrdfcalError
     from urdfcal.gauge import ModelOptions
     from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
+    from urdfcal.online import OnlineCalibrator
     from urdfcal.robot import Robot, load_robot
 
 _HOME = {
@@ -32,6 +33,7 @@ _HOME = {
     "InputError": "errors",
     "UrdfcalError": "errors",
     "ModelOptions": "gauge",
+    "OnlineCalibrator": "online",
     "Measurements": "measurements",
     "measurements_from": "measurements",
     "read_measurements": "measurements",
@@ -48,6 +50,7 @@ __all__ = [
     "InputError",
     "Measurements",
     "ModelOptions",
+    "OnlineCalibrator",
     "Robot",
     "StoredCalibration",
     "UrdfcalError",

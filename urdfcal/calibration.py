@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,28 +12,24 @@ import numpy as np
 
 from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import corrected_model
-from urdfcal.dh import dh_table
-from urdfcal.ekf import Belief, Estimate, iterated_schedule, paper_schedule
+from urdfcal.ekf import Belief, Estimate
 from urdfcal.error_model import ErrorModel, PriorScale, matching
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult, SpotTable, spot_table
-from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
-from urdfcal.geometry import MM, Vector, cross
+from urdfcal.gauge import ModelOptions, build_error_model
+from urdfcal.geometry import MM, Vector
 from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
-from urdfcal.noise import START_SPOT_SIGMA, Noise
+from urdfcal.method import CleanFit, Method, fit_without_outliers
+from urdfcal.model_warnings import model_warnings
+from urdfcal.noise import LEAST_FREEDOM, START_SPOT_SIGMA, Noise
 from urdfcal.report import text_report
 from urdfcal.robot import Robot
-from urdfcal.robust import Outlier, gate, reweighted, swapped_poses
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
-
-ESTIMATORS = ("ekf", "lse", "robust", "evolution")
-SCHEDULES = ("iterated", "paper")
-_NEAR_AXIS = 10 * MM
 
 
 @dataclass(frozen=True)
@@ -123,24 +119,20 @@ def fit(
         UsageError: an option means nothing here.
         ShapeMismatch: the data belong to another robot.
     """
-    _check(robot, data, estimator, schedule, spot_sigma, q, r)
+    method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
+    _check(robot, data, spot_sigma)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = _sets(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
     noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None or _all_stated(fit_set))
     prior = Belief(errors.mean, np.diag(errors.sigma**2))
-
-    def run(data: Measurements) -> tuple[SpotModel, Estimate]:
-        model = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))
-        return model, _run(estimator, schedule, model, prior, noise, tolerance, max_sweeps, q, r, rng)
-
-    model, found = run(fit_set)
+    model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
+    found = method.run(model, prior, noise)
     if len(found.history) == 1:
         _require_beams_on_screen(model, errors.mean)
-    outliers: tuple[Outlier, ...] = ()
-    if gated and schedule == "iterated" and estimator != "robust":
-        fit_set, model, found, outliers = _gated(model, found, prior, noise, run)
+    clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
+    model, found, fit_set = clean.model, clean.estimate, clean.model.data
     chosen: Evidence | None = None
     if evidence:
         errors, found, chosen = _by_evidence(model, errors, noise, found, options)
@@ -153,15 +145,16 @@ def fit(
         estimate=found,
         identifiability=seen,
         before=evaluate(robot, fit_set),
-        outliers=outliers,
+        outliers=clean.outliers,
         evidence=chosen,
         after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
         chi_squared=found.noise.chi_squared(here) / max(freedom, 1.0),
         data=fit_set,
         test_data=None,
-        estimator=f"{estimator}, {schedule}" if estimator == "ekf" else estimator,
-        warnings=(*data.warnings, *model_warnings(robot, errors, options)),
+        estimator=method.label,
+        error_model=options.error_model,
+        warnings=(*data.warnings, *model_warnings(robot, errors, options), *_few_spots(noise, freedom)),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
 
@@ -173,7 +166,16 @@ def evaluate(robot: Robot, data: Measurements) -> SpotTable:
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
-    """The same calibration with the spot distances of test poses."""
+    """The same calibration with the spot distances of test poses.
+
+    Raises:
+        UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown.
+    """
+    unknown = set(test.session_names) - set(calibration.errors.sessions)
+    if unknown:
+        raise UsageError(
+            f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
+        )
     predicted, _ = SpotModel(calibration.errors, test).predict(calibration.x)
     return replace(calibration, test=(evaluate(calibration.robot, test), spot_table(test, predicted)), test_data=test)
 
@@ -197,53 +199,13 @@ def laid_over(
     )
 
 
-def _run(
-    estimator: str, schedule: str, model: SpotModel, prior: Belief, noise: Noise, tolerance: float | None, max_sweeps: int | None, q: float, r: float, rng: np.random.Generator | None
-) -> Estimate:
-    wanted: dict[str, Any] = {"max_sweeps": max_sweeps} if tolerance is None else {"max_sweeps": max_sweeps, "tolerance": tolerance}
-    if estimator == "robust":
-        return reweighted(model.linearise, prior, noise)
-    if estimator == "evolution":
-        from urdfcal.evolution import differential_evolution
-
-        return differential_evolution(model.linearise, prior, noise, rng or np.random.default_rng(0), **wanted)
-    if estimator == "lse":
-        from urdfcal.least_squares import levenberg_marquardt
-
-        return levenberg_marquardt(model.linearise, prior, noise, **wanted)
-    if schedule == "paper":
-        return paper_schedule(model.linearise, prior, noise, q=q, r=r, **wanted)
-    return iterated_schedule(model.linearise, prior, noise, **wanted)
-
-
-def _gated(
-    model: SpotModel, found: Estimate, prior: Belief, noise: Noise, run: Callable[[Measurements], tuple[SpotModel, Estimate]]
-) -> tuple[Measurements, SpotModel, Estimate, tuple[Outlier, ...]]:
-    """Take out what the fit cannot explain; beams that were read for each other are exchanged before."""
-    data = model.data
-    gated, kept = gate(model.linearise, prior, noise, found)
-    if kept is None:
-        return data, model, found, ()
-    near = 5 * gated.noise.spot_sigma / MM
-    swapped = swapped_poses(data, model.predict(gated.belief.x)[0], near)
-    outliers: list[Outlier] = []
-    if swapped:
-        spots = data.spots.copy()
-        for pose, one, other in swapped:
-            spots[pose, [one, other]] = spots[pose, [other, one]]
-            words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
-            outliers.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(model, gated.belief.x, pose, one), words))
-        model, found = run(replace(data, spots=spots))
-        data = model.data
-        gated, kept = gate(model.linearise, prior, noise, found)
-    if kept is None:
-        return data, model, found, tuple(outliers)
-    for pose, laser in np.argwhere(data.seen & ~kept).tolist():
-        away = _distance_mm(model, gated.belief.x, pose, laser)
-        words = f"{away:.3g} mm from where the other spots put it, noise {gated.noise.spot_sigma / MM:.3g} mm"
-        outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
-    data = replace(data, spots=np.where(kept[..., None], data.spots, np.nan))
-    return data, SpotModel(model.errors, data, model.joints), gated, tuple(outliers)
+def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
+    if noise.stated or freedom >= LEAST_FREEDOM:
+        return ()
+    return (
+        f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
+        f"{noise.spot_sigma / MM:g} mm is assumed; measure more poses or state it with --spot-sigma-mm",
+    )
 
 
 def _by_evidence(
@@ -258,19 +220,9 @@ def _by_evidence(
     return by_evidence(model.linearise, errors, noise, found, stated)
 
 
-def _distance_mm(model: SpotModel, x: Vector, pose: int, laser: int) -> float:
-    return float(np.linalg.norm(model.predict(x)[0][pose, laser] - model.data.spots[pose, laser]) / MM)
-
-
-def _check(robot: Robot, data: Measurements, estimator: str, schedule: str, spot_sigma: float | None, q: float, r: float) -> None:
-    if estimator not in ESTIMATORS:
-        raise UsageError(f"no estimator '{estimator}'; there are: {', '.join(ESTIMATORS)}")
-    if schedule not in SCHEDULES:
-        raise UsageError(f"no schedule '{schedule}'; there are: {', '.join(SCHEDULES)}")
+def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:
     if spot_sigma is not None and not spot_sigma > 0:
         raise UsageError(f"the spot noise must be above zero, found {spot_sigma:g} m")
-    if not (q >= 0 and r > 0):
-        raise UsageError(f"Q must not be negative and R must be above zero, found q = {q:g} and r = {r:g}")
     if data.joints != robot.chain.input_names or data.lasers != robot.rig.lasers:
         raise ShapeMismatch(
             f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "
@@ -310,39 +262,3 @@ def _require_beams_on_screen(model: SpotModel, x: Vector) -> None:
             f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the nominal robot its beam does not meet the screen; "
             "check the mount of the module, the screen's placement and the joints' units and signs"
         )
-
-
-def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> tuple[str, ...]:
-    """What the chosen error model cannot follow on this robot."""
-    if options.error_model == "dh":
-        return (*_mount_warning(robot), *_parallel_warning(robot))
-    missing = missing_screen_parameters(robot.chain, robot.rig, errors) if options.error_model == "auto" else ()
-    if not missing:
-        return ()
-    return (
-        f"the screen '{robot.rig.screen}' has no fixed joint of its own, so its placement is not estimated; "
-        f"--estimate screen adds {', '.join(missing)}, which no other parameter can stand for",
-    )
-
-
-def _mount_warning(robot: Robot) -> tuple[str, ...]:
-    """The paper's mount has no translation along y; on the last axis that one is visible, and another not."""
-    last = robot.chain.moving[-1]
-    off = float(np.linalg.norm(cross(np.array(last.joint.axis), robot.chain.T_last_module.translation)))
-    if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
-        return ()
-    return (
-        f"the module '{robot.rig.module}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of the dh model "
-        "leave out trans_y, which such a mount shows; use --error-model auto or hayati",
-    )
-
-
-def _parallel_warning(robot: Robot) -> tuple[str, ...]:
-    """Denavit and Hartenberg's parameters cannot tilt an axis that is parallel to the one before it in both directions."""
-    joints = [row.name for row in dh_table(robot.chain) if row.parallel and row.name in robot.tree.joints]
-    if not joints:
-        return ()
-    return (
-        f"the axis of {', '.join(joints)} is nearly parallel to the one before it: the dh model cannot tilt it both ways; "
-        "use --error-model auto or hayati unless the paper's parameters are the point",
-    )

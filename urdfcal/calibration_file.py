@@ -133,7 +133,8 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
         "measurements": _data_entry(calibration),
         "estimator": {
             "name": calibration.estimator,
-            "error_model_parameters": len(calibration.errors.names),
+            "error_model": calibration.error_model,
+            "parameters": len(calibration.errors.names),
             "rank": calibration.identifiability.rank,
             "converged": calibration.converged,
             "stop": calibration.stop_reason,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.calibration import joint_sigmas, model_warnings
+from urdfcal.calibration import joint_sigmas
 from urdfcal.ekf import Belief, compress, update
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
@@ -16,6 +16,7 @@ from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parame
 from urdfcal.geometry import DEG, MM, Matrix, Vector, X
 from urdfcal.identifiability import Identifiability, Observability, identify, observe
 from urdfcal.measurements import Mask, Measurements, measurements_from
+from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
 from urdfcal.robot import Robot
 from urdfcal.sensors import spot_jacobian, spots_on_screen

@@ -130,6 +130,19 @@ def fit(
     r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
     gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
     test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
+    holdout: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Share of the poses, drawn at random, to test and not to fit, e.g. 0.3.", show_default=False),
+    ] = None,
+    kfold: Annotated[
+        int | None, typer.Option(min=2, metavar="N", help="Also fit N times with an Nth of the poses held out in turn.", show_default=False)
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Predict how far off this link still is, over the workspace.", show_default=False)
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json.", show_default=False)
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
     screen: Screen = None,
     laser: Lasers = None,
@@ -141,50 +154,76 @@ def fit(
     verbose: Verbose = False,
 ) -> None:
     """Calibrate: write a corrected URDF and <stem>_calibration.yaml next to it, print the before/after table."""
+    from dataclasses import replace
+
     import numpy as np
 
     from urdfcal.calibration import fit as run_fit
     from urdfcal.calibration import laid_over
+    from urdfcal.extras import Extras, workspace_accuracy
     from urdfcal.files import write_together
     from urdfcal.measurements import read_measurements
+    from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
+    from urdfcal.report_files import report_bytes, require_report_ending
+    from urdfcal.validation import coverage_warnings
+    from urdfcal.validation import holdout as hold_out
+    from urdfcal.validation import kfold as cross_validate
 
     rig_file = _rig_file(rig)
     arm = _robot(robot, xacro_arg, package_dir, screen, laser, rig_file)
     urdf = output or Path(f"{arm.description.stem}_calibrated.urdf")
     record = urdf.parent / f"{_stem_of(urdf)}_calibration.yaml"
-    _require_places(urdf, record, inputs=(robot, measurements, rig, test))
+    if report is not None:
+        require_report_ending(report)
+    _require_places(urdf, record, *([report] if report else []), inputs=(robot, measurements, rig, test))
     data = read_measurements(measurements, arm)
     further = read_measurements(test, arm) if test else None
+    if holdout is not None:
+        data = hold_out(data, holdout, np.random.default_rng(seed))
     options = laid_over(
-        rig_file.options(), error_model, estimate or (), fix or (), only or (), _priors(prior_joint, prior_mount, prior_screen, prior_beams)
+        rig_file.options(),
+        error_model,
+        estimate or (),
+        fix or (),
+        only or (),
+        _priors(prior_joint, prior_mount, prior_screen, prior_beams),
     )
+    how: dict[str, Any] = {
+        "estimator": estimator,
+        "schedule": schedule,
+        "options": options,
+        "spot_sigma": _spot_noise(rig_file, spot_sigma_mm),
+        "joint_sigma": _joint_noise(arm, rig_file, joint_sigma_deg),
+        "tolerance": _positive("--tolerance", tolerance),
+        "max_sweeps": max_sweeps,
+        "q": q,
+        "r": r,
+        "gated": gate,
+        "evidence": _chosen(prior),
+    }
+    if tool is not None:
+        base_link(arm, tool)  # refuse a link that does not move before any work is done
     _say(verbose, f"{_about(arm)}; {len(data)} poses")
-    calibration = run_fit(
-        arm,
-        data,
-        estimator=estimator,
-        schedule=schedule,
-        options=options,
-        spot_sigma=_spot_noise(rig_file, spot_sigma_mm),
-        joint_sigma=_joint_noise(arm, rig_file, joint_sigma_deg),
-        tolerance=_positive("--tolerance", tolerance),
-        max_sweeps=max_sweeps,
-        q=q,
-        r=r,
-        gated=gate,
-        evidence=_chosen(prior),
-        rng=np.random.default_rng(seed),
-        test=further,
+    calibration = run_fit(arm, data, test=further, rng=np.random.default_rng(seed), **how)
+    warned = (*calibration.warnings, *(further.warnings if further else ()), *coverage_warnings(arm, calibration))
+    calibration = replace(calibration, warnings=warned)
+    extra = Extras(
+        workspace_accuracy(arm, calibration, tool, np.random.default_rng(seed)) if tool is not None else None,
+        cross_validate(arm, data, kfold, np.random.default_rng(seed), **how) if kfold is not None else None,
     )
-    _warn(calibration.warnings + (further.warnings if further else ()), quiet)
+    _warn(calibration.warnings, quiet)
     if force:
         _warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
         calibration.require_trustworthy()
-    write_together({record: calibration.record(sys.argv), urdf: calibration.urdf()})
-    _result(calibration_json(calibration) if as_json else None, calibration_blocks(calibration))
-    _say(not as_json, f"\nwrote {urdf} and {record}" + _expanded_note(arm), sys.stdout)
+    files: dict[str | Path, bytes] = {urdf: calibration.urdf(), record: calibration.record(sys.argv)}
+    if report is not None:
+        files[report] = report_bytes(report, calibration, sys.argv)
+    write_together(files)
+    machine = calibration_json(calibration) | extra.machine() if as_json else None
+    _result(machine, [*calibration_blocks(calibration), *extra.blocks()])
+    _say(not as_json, f"\nwrote {_listed(files)}" + _expanded_note(arm), sys.stdout)
     if calibration.rejection:
         raise typer.Exit(FitRejected.exit_code)
 
@@ -565,6 +604,11 @@ def _require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
 
 def _stem_of(urdf: Path) -> str:
     return urdf.name.split(".")[0].removesuffix("_calibrated") or urdf.stem
+
+
+def _listed(paths: Iterable[str | Path]) -> str:
+    *first, last = map(str, paths)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _about(robot: Robot) -> str:

@@ -127,7 +127,13 @@ def compress(H: Matrix, innovation: Vector, sigma: Vector) -> tuple[Matrix, Vect
 
 
 def iterated_schedule(
-    linearise: Linearise, prior: Belief, noise: Noise, *, start: Vector | None = None, tolerance: float = TOLERANCE, max_sweeps: int | None = None
+    linearise: Linearise,
+    prior: Belief,
+    noise: Noise,
+    *,
+    start: Vector | None = None,
+    tolerance: float = TOLERANCE,
+    max_sweeps: int | None = None,
 ) -> Estimate:
     """The maximum a posteriori estimate: one update of the prior, relinearised until its step is under `tolerance` sigmas.
 
@@ -174,7 +180,14 @@ def iterated_schedule(
 
 
 def paper_schedule(
-    linearise: Linearise, prior: Belief, noise: Noise, *, q: float = 1e-4, r: float = 1e-4, tolerance: float = TOLERANCE, max_sweeps: int | None = None
+    linearise: Linearise,
+    prior: Belief,
+    noise: Noise,
+    *,
+    q: float = 1e-4,
+    r: float = 1e-4,
+    tolerance: float = TOLERANCE,
+    max_sweeps: int | None = None,
 ) -> Estimate:
     """The paper's schedule: predict and update with the stacked poses, sweep after sweep, Q = q I and R = r I.
 

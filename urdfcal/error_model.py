@@ -175,7 +175,8 @@ class ErrorModel:
             names = iter(self._slot_names(session))
             own = [[next(names) for _ in slot.names] for slot in self.slots]
             plans[session] = [
-                (np.array([column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot])) for slot in own
+                (np.array([column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot]))
+                for slot in own
             ]
         return plans
 
@@ -196,11 +197,14 @@ class ErrorModel:
     def _laser_ways(self) -> list[list[_Station]]:
         """From the module to each laser."""
         return [
-            [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))] for way in self.chain.laser_joints
+            [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))]
+            for way in self.chain.laser_joints
         ]
 
     def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:
-        return [_Station(slot=index) for index, slot in enumerate(self.slots) if (slot.joint, slot.before) == (joint, before) and slot.names]
+        return [
+            _Station(slot=index) for index, slot in enumerate(self.slots) if (slot.joint, slot.before) == (joint, before) and slot.names
+        ]
 
     def corrected_origins(self, x: Vector) -> dict[str, SE3]:
         """The URDF origins with the errors of x in them (`origin * delta`), by joint name; untouched joints are left out.
@@ -208,7 +212,10 @@ class ErrorModel:
         Raises:
             ShapeMismatch: x has not one number a parameter.
         """
-        deltas = [product(exponentials(slot.screws, values)) for slot, values in zip(self.slots, self.slot_values(x, self.sessions[0]), strict=True)]
+        deltas = [
+            product(exponentials(slot.screws, values))
+            for slot, values in zip(self.slots, self.slot_values(x, self.sessions[0]), strict=True)
+        ]
         joints = {step.joint.name: step.joint for step in self.chain.steps}
         joints |= {joint.name: joint for way in self.chain.laser_joints for joint in way}
         touched = {slot.joint for slot in self.slots if self._has_estimated(slot)}
@@ -264,7 +271,12 @@ class _Walk:
         self.screws = np.zeros((6, parameters))
 
     def along(
-        self, way: Iterable[_Station], slots: Sequence[Slot], values: Sequence[Vector], columns: Sequence[tuple[Any, Vector]], start: SE3 | None = None
+        self,
+        way: Iterable[_Station],
+        slots: Sequence[Slot],
+        values: Sequence[Vector],
+        columns: Sequence[tuple[Any, Vector]],
+        start: SE3 | None = None,
     ) -> SE3:
         """Walk from a placement behind the last motion; gives back the placement reached."""
         edge = pin.SE3.Identity() if start is None else start

@@ -49,6 +49,7 @@ class FitResult:
         data: The poses that were fitted.
         test_data: The poses that were only tested.
         estimator: Estimator and schedule.
+        error_model: The error model that was asked for.
         warnings: What the user ought to know.
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
@@ -65,6 +66,7 @@ class FitResult:
     data: Measurements
     test_data: Measurements | None
     estimator: str
+    error_model: str
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
@@ -99,7 +101,8 @@ class FitResult:
         """Nominal and corrected origin of every joint that was calibrated."""
         joints = self.robot.tree.joints
         return {
-            name: OriginCorrection(joints[name].origin, corrected, joints[name].moves) for name, corrected in self.errors.corrected_origins(self.x).items()
+            name: OriginCorrection(joints[name].origin, corrected, joints[name].moves)
+            for name, corrected in self.errors.corrected_origins(self.x).items()
         }
 
     @property

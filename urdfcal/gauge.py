@@ -145,7 +145,8 @@ def _gauge(
     automatic = options.error_model == "auto"
     spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
     order = sorted(
-        range(len(offered)), key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic))
+        range(len(offered)),
+        key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic)),
     )
     jacobian = full_pose_jacobian(chain, errors)
     taken = set(independent_columns(jacobian, order))
@@ -185,9 +186,7 @@ def _carriers(offered: list[Parameter], jacobian: Matrix, taken: list[int], left
 def _later_screens(slots: tuple[Slot, ...], sessions: Sequence[str], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
     screen = [parameter for parameter in parameters_of(slots, priors) if parameter.kind == "screen"]
     return [
-        replace(parameter, name="{}:{}.{}".format(*_split_in(parameter.name, session)))
-        for session in sessions[1:]
-        for parameter in screen
+        replace(parameter, name="{}:{}.{}".format(*_split_in(parameter.name, session))) for session in sessions[1:] for parameter in screen
     ]
 
 
@@ -205,7 +204,9 @@ def _narrowed(errors: ErrorModel, options: ModelOptions) -> ErrorModel:
         for name in matching(parameters, pattern):
             index = next(index for index, parameter in enumerate(parameters) if parameter.name == name)
             old = parameters[index]
-            parameters[index] = replace(old, mean=old.mean if said.mean is None else said.mean, sigma=old.sigma if said.sigma is None else said.sigma)
+            parameters[index] = replace(
+                old, mean=old.mean if said.mean is None else said.mean, sigma=old.sigma if said.sigma is None else said.sigma
+            )
             fixed |= {name} if said.fixed else set()
     for pattern in options.fix:
         fixed |= matching(parameters, pattern)

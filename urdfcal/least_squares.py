@@ -14,7 +14,9 @@ from urdfcal.noise import Noise
 _ROUNDS = 20
 
 
-def levenberg_marquardt(linearise: Linearise, prior: Belief, noise: Noise, *, tolerance: float = 1e-12, max_sweeps: int | None = None) -> Estimate:
+def levenberg_marquardt(
+    linearise: Linearise, prior: Belief, noise: Noise, *, tolerance: float = 1e-12, max_sweeps: int | None = None
+) -> Estimate:
     """The maximum a posteriori estimate by Levenberg-Marquardt.
 
     Weights are taken at the start of each round and held while SciPy works; spot noise that is not stated is estimated between rounds.

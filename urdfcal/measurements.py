@@ -151,7 +151,7 @@ def measurements_from(
         spots=places,
         sigma=stated,
         poses=np.array(labels, dtype=str),
-        sets=np.array(["fit"] * n if sets is None else sets, dtype=str),
+        sets=np.array(["fit"] * n if sets is None else sets, dtype="<U4"),
         sessions=np.array([""] * n if sessions is None else sessions, dtype=str),
     )
 

@@ -15,6 +15,7 @@ from urdfcal.geometry import MM, Array3, Matrix, Vector
 
 START_SPOT_SIGMA = 1.0 * MM
 _LEAST_SPOT_SIGMA = 1e-6  # [m]; no camera sees less, and noise-free simulations end here
+LEAST_FREEDOM = 20.0  # degrees of freedom; with fewer the residual says too little of the noise, and the start value stays
 _CLOSE = 1e-3
 
 
@@ -120,8 +121,13 @@ class Noise:
         return float(whitened @ whitened)
 
     def estimated(self, here: Linearisation, degrees_of_freedom: float) -> Noise:
-        """The spot noise that would make chi-squared equal its degrees of freedom, one fixed-point step on from this one."""
-        ratio = self.chi_squared(here) / max(degrees_of_freedom, 1.0)
+        """The spot noise that would make chi-squared equal its degrees of freedom, one fixed-point step on from this one.
+
+        With fewer than LEAST_FREEDOM it stays as it is: a fit that nearly runs through its data says nothing of their noise.
+        """
+        if degrees_of_freedom < LEAST_FREEDOM:
+            return self
+        ratio = self.chi_squared(here) / degrees_of_freedom
         return self.times(float(np.sqrt(ratio)))
 
     def close_to(self, other: Noise) -> bool:

@@ -145,7 +145,8 @@ def _home_centre(robot: Robot, errors: ErrorModel) -> tuple[float, float]:
 def _draw(robot: Robot, errors: ErrorModel, truth: Vector, rng: np.random.Generator) -> _Run:
     q = paper_poses(robot, errors, truth, rng)
     readings = {
-        name: simulate(robot, errors, truth, q, rng, SimulatedNoise(SPOT_NOISE, JOINT_NOISE, "uniform", count)) for name, count in PROTOCOLS.items()
+        name: simulate(robot, errors, truth, q, rng, SimulatedNoise(SPOT_NOISE, JOINT_NOISE, "uniform", count))
+        for name, count in PROTOCOLS.items()
     }
     return _Run(q, true_spots(robot, errors, truth, q), readings)
 

@@ -58,7 +58,9 @@ def _table_ii(lines: list[Line]) -> RenderableType:
 
 def _table_iii(title: str, lines: list[Line]) -> RenderableType:
     table = figures_table("case", "laser")
-    _figure_columns(table, [f"{name}\n{whose}" for name, whose in (("LSE", "ours"), ("LSE", "published"), ("EKF", "ours"), ("EKF", "published"))])
+    _figure_columns(
+        table, [f"{name}\n{whose}" for name, whose in (("LSE", "ours"), ("LSE", "published"), ("EKF", "ours"), ("EKF", "published"))]
+    )
     _figure_columns(table, ["EKF, noise\nstated, ours"])
     for own in _by_case(lines):
         lse, ekf, stated = (own[estimator] for estimator in ESTIMATORS)

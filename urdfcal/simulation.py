@@ -91,7 +91,14 @@ def stated_truth(errors: ErrorModel, values: Mapping[str, float]) -> Vector:
 
 
 def draw_poses(
-    robot: Robot, errors: ErrorModel, x: Vector, poses: int, rng: np.random.Generator, *, area: ScreenArea | None = None, limits: Matrix | None = None
+    robot: Robot,
+    errors: ErrorModel,
+    x: Vector,
+    poses: int,
+    rng: np.random.Generator,
+    *,
+    area: ScreenArea | None = None,
+    limits: Matrix | None = None,
 ) -> Matrix:
     """Random joint positions at which every beam of the robot with errors x makes a spot on the screen.
 
@@ -141,7 +148,9 @@ def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Mask:
     return hits
 
 
-def simulate(robot: Robot, errors: ErrorModel, x: Vector, q: Matrix, rng: np.random.Generator, noise: SimulatedNoise | None = None) -> Measurements:
+def simulate(
+    robot: Robot, errors: ErrorModel, x: Vector, q: Matrix, rng: np.random.Generator, noise: SimulatedNoise | None = None
+) -> Measurements:
     """Measurements of the robot with errors x, standing at q, read with noise.
 
     Args:

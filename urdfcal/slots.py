@@ -177,4 +177,6 @@ def require_screen_slot(chain: Chain, rig: Rig) -> None:
     """
     first = chain.steps[0]
     if first.joint.moves and not first.forward:
-        raise RigError(f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement")
+        raise RigError(
+            f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement"
+        )

@@ -1,0 +1,152 @@
+"""Mistaken measurements: is each kind of mistake named, and is none named on healthy data?
+
+Truths of mistaken sets: Gaussian errors of 3 mm and 0.3 deg on the parameters that fit has. Truths of healthy sets: by turns 1 mm and
+0.1 deg, 10 mm and 1 deg, and these with 20 % of the spots up to 200 mm off; by turns on the parameters of fit and in all six
+directions of every joint, mount and screen. Mistakes of one joint take the joints in turn. *start*: the start took the data for
+those of a rig placed elsewhere, and said so; *other*: another mistake was named; *silent*: nothing was said.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import urdfcal
+from urdfcal.error_model import ErrorModel
+from urdfcal.gauge import build_error_model
+from urdfcal.geometry import DEG, MM
+from urdfcal.hypotheses import best_hypothesis
+from urdfcal.noise import START_SPOT_SIGMA, Noise
+from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
+from urdfcal.spot_model import SpotModel
+from urdfcal.start import start
+
+Array = npt.NDArray[np.float64]
+Data = urdfcal.Measurements
+Mistake = Callable[[Data], tuple[Data, str]]
+
+ROBOTS = ("arm7", "panda", "ur5")
+HEALTHY = ((1.0, 0.1, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 0.2))  # mm, deg, share of outliers
+
+
+def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, poses: int, seed: int) -> tuple[ErrorModel, Data]:
+    """Measurements of a robot with random errors of some size [mm], [deg], and share of outliers; in all six directions on request."""
+    mm, deg, outliers = size
+    rng, errors = np.random.default_rng(seed), build_error_model(robot.chain, robot.rig)
+    scale = np.where(np.array(errors.units) == "m", mm * MM, deg * DEG)
+    true, x = random_truth(robot, rng, mm * MM, deg * DEG) if six else (errors, rng.normal(0, scale))
+    data = simulate(robot, true, x, draw_poses(robot, true, x, poses, rng), rng, SimulatedNoise(1 * MM))
+    bad = rng.random(data.seen.shape) < outliers
+    return errors, replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+
+
+def checked(errors: ErrorModel, data: Data) -> tuple[str, float, float]:
+    """What is said of some measurements, and how long it took: start, hypotheses, [s]."""
+    model = SpotModel(errors, data)
+    noise = Noise(START_SPOT_SIGMA, np.zeros(len(data.joints)), stated=False)
+    at = time.perf_counter()
+    begun = start(model, noise)
+    middle = time.perf_counter()
+    if begun.plausible:
+        return begun.message and f"start: {begun.message}", middle - at, 0.0
+    found = best_hypothesis(model, noise)
+    return found.words if found else "", middle - at, time.perf_counter() - middle
+
+
+def spots(matrix: list[list[float]], words: str) -> Mistake:
+    """A mistake in what was read off the screen."""
+    return lambda data: (replace(data, spots=data.spots @ np.array(matrix, dtype=float).T), words)
+
+
+def swapped(data: Data) -> tuple[Data, str]:
+    """The beams taken for each other."""
+    return replace(data, spots=data.spots[:, ::-1]), "laser_1 and laser_2 swapped"
+
+
+def joint(index: int | None, factor: float, shift: float, words: str) -> Mistake:
+    """A mistake in the readings of one joint, or of all."""
+
+    def made(data: Data) -> tuple[Data, str]:
+        q = data.q.copy()
+        columns = slice(None) if index is None else index
+        q[:, columns] = q[:, columns] * factor + shift
+        return replace(data, q=q), words.format(data.joints[index] if index is not None else "all joints")
+
+    return made
+
+
+def mistakes(joints: int) -> dict[str, list[Mistake]]:
+    """Every kind of mistake, by name; each joint's in turn."""
+    each = range(joints)
+    return {
+        "lasers swapped": [swapped],
+        "y and z swapped": [spots([[0, 1], [1, 0]], "y and z of the spots swapped")],
+        "y mirrored (behind)": [spots([[-1, 0], [0, 1]], "y of the spots mirrored")],
+        "z mirrored": [spots([[1, 0], [0, -1]], "z of the spots mirrored")],
+        "mm as m": [spots([[1e3, 0], [0, 1e3]], "the spots read as millimetres")],
+        "m as mm": [spots([[1e-3, 0], [0, 1e-3]], "the spots read as metres")],
+        "all deg as rad": [joint(None, 1 / DEG, 0, "{} read as degrees")],
+        "all rad as deg": [joint(None, DEG, 0, "{} read as radians")],
+        "one deg as rad": [joint(index, 1 / DEG, 0, "{} read as degrees") for index in each],
+        "one rad as deg": [joint(index, DEG, 0, "{} read as radians") for index in each],
+        "sign flipped": [joint(index, -1, 0, "the sign of {} flipped") for index in each],
+        "zero off by 90": [joint(index, 1, -90 * DEG, "90 deg added to {}") for index in each],
+        "zero off by 180": [joint(index, 1, np.pi, "180 deg added to {}") for index in each],
+    }
+
+
+def tried(robot: urdfcal.Robot, variants: list[Mistake], arguments: argparse.Namespace, times: list[list[float]]) -> Counter[str]:
+    """How often a kind of mistake was named, and what was said in place of it."""
+    tally: Counter[str] = Counter()
+    for seed in range(arguments.seeds):
+        errors, data = drawn(robot, (3, 0.3, arguments.outliers), False, arguments.poses, seed)
+        wrong, words = variants[seed % len(variants)](data)
+        said, *seconds = checked(errors, wrong)
+        times.append(seconds)
+        verdict = "named" if words in said else "start" if said.startswith("start") else "other" if said else "silent"
+        tally[verdict] += 1
+        if arguments.verbose and verdict != "named":
+            print(f"    {words}, seed {seed}: {said or 'nothing said'}")
+    return tally
+
+
+def alarms(robot: urdfcal.Robot, arguments: argparse.Namespace) -> list[str]:
+    """What was said of healthy sets, where anything was."""
+    said = []
+    for seed in range(arguments.healthy):
+        errors, data = drawn(robot, HEALTHY[seed % 3], bool(seed // 3 % 2), arguments.poses, 1000 + seed)
+        said.append(checked(errors, data)[0])
+    return [words for words in said if words]
+
+
+def main() -> None:
+    """Parse the command line and run the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10, help="seeds for each kind of mistake (default 10)")
+    parser.add_argument("--healthy", type=int, default=100, help="healthy sets for each robot (default 100)")
+    parser.add_argument("--poses", type=int, default=60, help="how many poses (default 60)")
+    parser.add_argument("--outliers", type=float, default=0.0, help="share of gross outliers in mistaken sets (default 0)")
+    parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
+    parser.add_argument("-v", "--verbose", action="store_true", help="print every answer that was not the right one")
+    arguments = parser.parse_args()
+    for name in ROBOTS:
+        robot, times = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro"), []
+        for kind, variants in mistakes(len(robot.chain.inputs)).items():
+            tally = tried(robot, variants, arguments, times)
+            counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
+            print(f"{name:7s}{kind:22s}{tally.total():5d} tried: {counts}", flush=True)
+        (begin, seek), longest = np.median(times, axis=0), np.sum(times, axis=1).max()
+        print(f"{name:7s}seconds for a mistaken set: start {begin:.2f}, hypotheses {seek:.2f}, both together at most {longest:.2f}")
+        false = alarms(robot, arguments)
+        print(f"{name:7s}healthy sets: {arguments.healthy}, alarms: {len(false)} {' | '.join(false[:3])}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

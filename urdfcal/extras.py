@@ -1,0 +1,87 @@
+"""What `fit` says on request beyond its own tables: accuracy of a tool over the workspace, cross-validation."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urdfcal.fit_result import FitResult, rms_mm
+from urdfcal.prediction import base_link, tool_sigma
+from urdfcal.report import spot_table_block, table_json
+from urdfcal.robot import Robot
+from urdfcal.simulation import joint_limits
+from urdfcal.validation import CrossValidation
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+_CONFIGURATIONS = 200
+
+
+@dataclass(frozen=True)
+class WorkspaceAccuracy:
+    """Predicted error of a link relative to the base, over random configurations within the joint limits.
+
+    Attributes:
+        link, base: The two links.
+        mm, mrad: Root mean square over the configurations of the predicted error in position and rotation.
+        worst_mm: Of the worst configuration.
+    """
+
+    link: str
+    base: str
+    mm: float
+    mrad: float
+    worst_mm: float
+
+    def words(self) -> str:
+        """One line."""
+        return (
+            f"{self.link} relative to {self.base}, over the workspace: {self.mm:.2g} mm and {self.mrad:.2g} mrad expected, "
+            f"{self.worst_mm:.2g} mm in the worst configuration"
+        )
+
+
+def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.random.Generator) -> WorkspaceAccuracy:
+    """Predict how far off a link still is, from the covariance of the fit; see `prediction.py` for what carries no sigma."""
+    lower, upper = joint_limits(robot)
+    q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
+    sigma = tool_sigma(robot, calibration.errors, calibration.covariance, calibration.x, link, q) * 1e3
+    mm, mrad = np.sqrt(np.mean(sigma**2, axis=0))
+    return WorkspaceAccuracy(link, base_link(robot, link), float(mm), float(mrad), float(sigma[:, 0].max()))
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What was asked for beyond the fit itself."""
+
+    accuracy: WorkspaceAccuracy | None
+    folds: CrossValidation | None
+
+    def blocks(self) -> list[RenderableType]:
+        """For people."""
+        blocks: list[RenderableType] = []
+        if self.accuracy is not None:
+            blocks += ["", self.accuracy.words()]
+        if self.folds is not None:
+            blocks += ["", "Cross-validation: every pose predicted by a fit that did not see it", ""]
+            blocks += [spot_table_block([(f"{self.folds.folds}-fold", self.folds.before, self.folds.after)])]
+            blocks += [f"fold rejected: {reason}" for reason in self.folds.rejected]
+        return blocks
+
+    def machine(self) -> dict[str, Any]:
+        """For machines."""
+        machine: dict[str, Any] = {}
+        if self.accuracy is not None:
+            machine["tool"] = asdict(self.accuracy)
+        if self.folds is not None:
+            machine["kfold"] = {
+                "folds": self.folds.folds,
+                "before": table_json(self.folds.before),
+                "after": table_json(self.folds.after),
+                "rms_mm": rms_mm(self.folds.after),
+                "rejected": list(self.folds.rejected),
+            }
+        return machine

@@ -1,0 +1,164 @@
+"""The estimators by name, one call for all; and the fit of data that may hold outliers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from urdfcal.ekf import Belief, Estimate, compress, iterated_schedule, paper_schedule, update
+from urdfcal.errors import UsageError
+from urdfcal.geometry import MM, Vector
+from urdfcal.measurements import Measurements
+from urdfcal.noise import Noise
+from urdfcal.robust import Outlier, gate, reweighted, swapped_poses
+from urdfcal.spot_model import SpotModel
+
+ESTIMATORS = ("ekf", "lse", "robust", "evolution")
+SCHEDULES = ("iterated", "paper")
+_NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
+
+
+@dataclass(frozen=True)
+class Method:
+    """Which estimator, and how far it goes.
+
+    Attributes:
+        estimator: One of ESTIMATORS.
+        schedule: Of the EKF: `iterated` or `paper`.
+        tolerance: When to stop; the estimator's own default if None.
+        max_sweeps: How many sweeps are allowed; the estimator's own default if None.
+        q: Q = q I of the `paper` schedule.
+        r: R = r I of the `paper` schedule.
+        gated: Whether outliers are taken out.
+        rng: For `evolution`.
+    """
+
+    estimator: str = "ekf"
+    schedule: str = "iterated"
+    tolerance: float | None = None
+    max_sweeps: int | None = None
+    q: float = 1e-4
+    r: float = 1e-4
+    gated: bool = True
+    rng: np.random.Generator | None = None
+
+    def __post_init__(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            raise UsageError(f"no estimator '{self.estimator}'; there are: {', '.join(ESTIMATORS)}")
+        if self.schedule not in SCHEDULES:
+            raise UsageError(f"no schedule '{self.schedule}'; there are: {', '.join(SCHEDULES)}")
+        if not (self.q >= 0 and self.r > 0):
+            raise UsageError(f"Q must not be negative and R must be above zero, found q = {self.q:g} and r = {self.r:g}")
+
+    @property
+    def label(self) -> str:
+        """Estimator and, of the EKF, its schedule."""
+        return f"ekf, {self.schedule}" if self.estimator == "ekf" else self.estimator
+
+    @property
+    def gates(self) -> bool:
+        """Whether outliers are taken out: not where the estimator weighs them down itself, nor in the paper's schedule."""
+        return self.gated and self.estimator != "robust" and not (self.estimator == "ekf" and self.schedule == "paper")
+
+    def limits(self) -> dict[str, Any]:
+        """Tolerance and sweeps, as far as they are set."""
+        return {name: value for name in ("tolerance", "max_sweeps") if (value := getattr(self, name)) is not None}
+
+    def run(self, model: SpotModel, prior: Belief, noise: Noise) -> Estimate:
+        """Fit one set of data."""
+        if self.estimator == "robust":
+            return reweighted(model.linearise, prior, noise)
+        if self.estimator == "evolution":
+            from urdfcal.evolution import differential_evolution
+
+            return differential_evolution(model.linearise, prior, noise, self.rng or np.random.default_rng(0), **self.limits())
+        if self.estimator == "lse":
+            from urdfcal.least_squares import levenberg_marquardt
+
+            return levenberg_marquardt(model.linearise, prior, noise, **self.limits())
+        if self.schedule == "paper":
+            swept = paper_schedule(model.linearise, prior, noise, q=self.q, r=self.r, **self.limits())
+            return with_honest_covariance(model, swept, prior, noise)
+        return iterated_schedule(model.linearise, prior, noise, **self.limits())
+
+
+def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noise: Noise) -> Estimate:
+    """The paper's estimate with the covariance that the data used once give it; the filter's own counts them in every sweep.
+
+    Spot noise that is not stated is estimated from the residual, as elsewhere.
+    """
+    here, sigma = model.linearise(swept.belief.x), np.sqrt(np.diag(prior.P))
+    if not here.usable:
+        return swept
+    if not noise.stated:
+        noise = noise.estimated(here, float(max(here.count - len(sigma), 1)))
+    rows, _ = compress(noise.weights(here).jacobian(here), np.zeros(here.measured.size), sigma)
+    counted, _ = update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))
+    return replace(swept, belief=Belief(swept.belief.x, counted.P), noise=noise)
+
+
+@dataclass(frozen=True)
+class CleanFit:
+    """A fit without outliers.
+
+    Attributes:
+        model: Of the data that were kept.
+        estimate: The fit of those.
+        outliers: What was left out or mended.
+    """
+
+    model: SpotModel
+    estimate: Estimate
+    outliers: tuple[Outlier, ...] = ()
+
+
+def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
+    """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
+
+    Args:
+        method: How to fit again.
+        model: Of all the data.
+        prior: Before the data.
+        noise: As stated, or where to start.
+        first: Fit of all the data.
+    """
+    clean, kept = gate(model.linearise, prior, noise, first, **method.limits())
+    if kept is None:
+        return CleanFit(model, first)
+    mended, swaps = _unswapped(model, clean)
+    if swaps:
+        model = SpotModel(model.errors, mended, model.joints)
+        first = method.run(model, prior, noise)
+        clean, kept = gate(model.linearise, prior, noise, first, **method.limits())
+    if kept is None:
+        return CleanFit(model, first, swaps)
+    data = replace(model.data, spots=np.where(kept[..., None], model.data.spots, np.nan))
+    history = [*first.history, *clean.history[1:]]
+    return CleanFit(SpotModel(model.errors, data, model.joints), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
+
+
+def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
+    """The measurements with beams exchanged that were read for each other."""
+    data, predicted = model.data, model.predict(clean.belief.x)[0]
+    spots, swaps = data.spots.copy(), []
+    for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
+        spots[pose, [one, other]] = spots[pose, [other, one]]
+        words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
+        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
+    return replace(data, spots=spots), tuple(swaps)
+
+
+def _left_out(model: SpotModel, clean: Estimate, kept: Any) -> tuple[Outlier, ...]:
+    data, predicted = model.data, model.predict(clean.belief.x)[0]
+    outliers = []
+    for pose, laser in np.argwhere(data.seen & ~kept).tolist():
+        away = _distance_mm(data, predicted, pose, laser)
+        words = f"{away:.3g} mm from where the other spots put it, noise {clean.noise.spot_sigma / MM:.3g} mm"
+        outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
+    return tuple(outliers)
+
+
+def _distance_mm(data: Measurements, predicted: Vector, pose: int, laser: int) -> float:
+    return float(np.linalg.norm(predicted[pose, laser] - data.spots[pose, laser]) / MM)

@@ -1,0 +1,193 @@
+"""What a report says, section by section, before it is HTML or Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
+from urdfcal.error_model import Parameter
+from urdfcal.fit_result import FitResult, SpotTable
+from urdfcal.geometry import MM
+from urdfcal.identifiability import DETERMINED, Combination, correlated_groups
+from urdfcal.provenance import prior_text, provenance_table
+from urdfcal.report import carried_lines, displayed, value_and_sigma
+from urdfcal.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
+from urdfcal.verdict import Verdict, count_of, verdict_of
+
+_STRONG = 0.95
+_MOST_OUTLIERS = 50
+_PHASES = ("mean", "std", "max")
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report.
+
+    Attributes:
+        title: Its heading.
+        subtitle: Which data, which estimator.
+        verdict: Whether the calibration may be used.
+        sections: Everything else.
+        residuals: Spots of the fitted and the test poses, for pictures.
+        suspects: Spots that do not belong to the rest, for pictures.
+    """
+
+    title: str
+    subtitle: str
+    verdict: Verdict
+    sections: tuple[Section, ...]
+    residuals: tuple[SpotResiduals, ...]
+    suspects: tuple[Suspect, ...]
+
+
+def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
+    """Gather everything that there is to say about a calibration."""
+    sets = residuals_of(calibration)
+    found = suspects(calibration, sets)
+    sections = [
+        _spots(calibration),
+        _convergence(calibration),
+        _parameters(calibration),
+        _combinations(calibration),
+        _carried(calibration),
+        _correlations(calibration),
+        _outliers(calibration, sets, found),
+        Section("warnings", "Warnings", (Points(calibration.warnings),) if calibration.warnings else ()),
+        Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
+    ]
+    data = calibration.data
+    subtitle = f"{len(data)} poses with {int(data.seen.sum())} spots; {len(calibration.errors.names)} parameters; {calibration.estimator}"
+    title = f"Calibration of {calibration.robot.name}"
+    return Report(
+        title, subtitle, verdict_of(calibration, found), tuple(each for each in sections if each.blocks), tuple(sets), tuple(found)
+    )
+
+
+def fixed(value: float) -> str:
+    """A figure for a column: `1.226`, `228.6`."""
+    return (
+        "–" if not math.isfinite(value) else f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}" if abs(value) < 1e6 else f"{value:.3g}"
+    )
+
+
+def _spots(calibration: FitResult) -> Section:
+    rows = _spot_rows("fit", calibration.before, calibration.after)
+    rows += _spot_rows("test", *calibration.test) if calibration.test else []
+    table = Table(("poses", "laser", "spots", *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
+    intro = "Distance from measured to predicted spot, in mm: before with the nominal robot, after with the calibrated one."
+    return Section("spots", "Spots on the screen", (intro, table, Gallery("spots"), Gallery("histograms")))
+
+
+def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
+    return [
+        (label, laser, str(row.n), *(fixed(value) for own in (row, after[laser]) for value in (own.mean_mm, own.std_mm, own.max_mm)))
+        for laser, row in before.items()
+    ]
+
+
+def _convergence(calibration: FitResult) -> Section:
+    history = calibration.estimate.history
+    first, last = fixed(history[0].residual_rms / MM), fixed(history[-1].residual_rms / MM)
+    text = (
+        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}. The RMS of a spot coordinate went from "
+        f"{first} mm to {last} mm. Sweep 0 is where the estimator started."
+    )
+    return Section("convergence", "Convergence", (text, Gallery("convergence")))
+
+
+def _parameters(calibration: FitResult) -> Section:
+    text = (
+        "Errors of the robot against its URDF. The last column is how much of the prior's uncertainty is left; a parameter is determined "
+        f"when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
+    )
+    if not honest_covariance(calibration):
+        text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
+    table = Table(
+        ("parameter", "value ± sigma", "prior sigma", "left of prior"),
+        tuple(_parameter_row(parameter, value, sigma, determined) for parameter, value, sigma, determined in rows),
+    )
+    return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if calibration.errors.parameters else ())
+
+
+def _parameter_row(parameter: Parameter, value: float, sigma: float, determined: bool) -> tuple[Cell, ...]:
+    unit, size = displayed(parameter.unit)
+    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if determined else "not determined"
+    return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(float(sigma / parameter.sigma), DETERMINED))
+
+
+def _combinations(calibration: FitResult) -> Section:
+    combinations = [each for each in calibration.identifiability.combinations if len(each.terms) > 1 or not each.determined]
+    sums = [each for each in combinations if each.determined]
+    open_ = [each for each in combinations if not each.determined]
+    blocks: list[Block] = []
+    if sums:
+        blocks += ["Determined as sums alone. The spots tell these sums, not their terms:", _combination_table(calibration, sums)]
+    if open_:
+        blocks += [
+            "Not determined. The data say little or nothing about these; the priors hold them:",
+            _combination_table(calibration, open_),
+        ]
+    return Section("combinations", "What the data do not tell apart", tuple(blocks))
+
+
+def _combination_table(calibration: FitResult, combinations: Sequence[Combination]) -> Table:
+    return Table(("combination", "value ± sigma", "left of prior"), tuple(_combination_row(calibration, each) for each in combinations))
+
+
+def _combination_row(calibration: FitResult, combination: Combination) -> tuple[Cell, ...]:
+    parameters = {parameter.name: parameter for parameter in calibration.errors.parameters}
+    units = {parameters[name].unit for name in combination.terms}
+    unit, size = displayed(units.pop()) if len(units) == 1 else ("m and rad", 1.0)
+    prior = math.hypot(*(weight * parameters[name].sigma for name, weight in combination.terms.items()))
+    value = f"{value_and_sigma(combination.value / size, combination.sigma / size)} {unit}"
+    return (combination.words(), value if combination.determined else "not determined", Share(combination.sigma / prior, DETERMINED))
+
+
+def _carried(calibration: FitResult) -> Section:
+    text = "Not estimated, because no measurement of any kind could tell them from others; their errors are part of what carries them:"
+    lines = tuple(carried_lines(calibration.errors.carried))
+    return Section("carried", "Carried parameters", (text, Points(lines)) if lines else ())
+
+
+def _correlations(calibration: FitResult) -> Section:
+    names = calibration.errors.names
+    groups = correlated_groups(names, calibration.covariance, _STRONG) if np.all(np.diag(calibration.covariance) > 0) else []
+    if not groups:
+        return Section("correlations", "Correlated parameters", ())
+    text = f"Linked by correlations above {_STRONG:g}: combinations of them are known better than each alone."
+    return Section("correlations", "Correlated parameters", (text, Points(tuple(_group_line(calibration, each) for each in groups))))
+
+
+def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
+    rows = [calibration.errors.names.index(name) for name in group]
+    block = calibration.covariance[np.ix_(rows, rows)] / np.outer(calibration.sigma[rows], calibration.sigma[rows])
+    np.fill_diagonal(block, 0.0)
+    first, second = sorted(divmod(int(np.argmax(np.abs(block))), len(rows)))
+    strongest = "" if len(group) == 2 else f", strongest {group[first]} with {group[second]}"
+    return f"{', '.join(group)} (correlation {block[first, second]:+.3f}{strongest})"
+
+
+def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequence[Suspect]) -> Section:
+    blocks: list[Block] = []
+    if calibration.outliers:
+        rows = tuple((each.pose, each.laser, each.reason) for each in calibration.outliers[:_MOST_OUTLIERS])
+        blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", "laser", "reason"), rows, words=3)]
+        blocks += _more(len(calibration.outliers))
+    text = (
+        f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
+        f"{spread(calibration, sets[0]):.2f} times what noise{' and uncertain parameters' if len(sets) > 1 else ''} would do."
+    )
+    if not found:
+        return Section("outliers", "Outliers", (*blocks, f"Among the spots that were used, none stands out: no {text}"))
+    used = tuple((each.set, each.pose, each.laser, fixed(each.distance_mm), f"{each.length:.1f}") for each in found[:_MOST_OUTLIERS])
+    table = Table(("poses", "pose", "laser", "distance in mm", "sigmas"), used, words=3)
+    return Section("outliers", "Outliers", (*blocks, f"Used, but far from the rest; their {text}", table, *_more(len(found))))
+
+
+def _more(number: int) -> list[str]:
+    return [f"{number - _MOST_OUTLIERS} more are not listed."] if number > _MOST_OUTLIERS else []

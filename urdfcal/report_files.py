@@ -1,0 +1,67 @@
+"""`--report FILE`: a calibration's report as a page, as Markdown or for machines, by the file's ending."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from urdfcal.errors import UsageError
+from urdfcal.files import write_whole
+from urdfcal.fit_result import FitResult
+from urdfcal.report import calibration_json
+
+ENDINGS = (".html", ".md", ".json")
+
+
+def write_report(path: Path, calibration: FitResult, command: Sequence[str]) -> None:
+    """Write a report, whole or not at all.
+
+    Args:
+        path: Where to; `.html` is one self-contained page, `.md` the same without pictures, `.json` what `--json` prints.
+        calibration: What was found.
+        command: The command line, for the record.
+
+    Raises:
+        UsageError: the file has another ending, or cannot be written.
+    """
+    write_whole(path, report_bytes(path, calibration, command))
+
+
+def report_bytes(path: Path, calibration: FitResult, command: Sequence[str]) -> bytes:
+    """The content of a report, by the ending of its file.
+
+    Raises:
+        UsageError: the file has another ending.
+    """
+    require_report_ending(path)
+    writers: dict[str, Callable[[FitResult, Sequence[str]], str]] = {".html": _html, ".md": _markdown, ".json": _json}
+    return writers[path.suffix.lower()](calibration, command).encode("utf-8", "backslashreplace")
+
+
+def require_report_ending(path: Path) -> None:
+    """Refuse a report's file by its name, before any work is done for it.
+
+    Raises:
+        UsageError: names the endings that there are.
+    """
+    if path.suffix.lower() not in ENDINGS:
+        raise UsageError(f"{path}: a report ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}, found '{path.suffix}'")
+
+
+def _html(calibration: FitResult, command: Sequence[str]) -> str:
+    from urdfcal.html_report import page
+    from urdfcal.report_content import report_of
+
+    return page(report_of(calibration, command), calibration)
+
+
+def _markdown(calibration: FitResult, command: Sequence[str]) -> str:
+    from urdfcal.markdown_report import markdown
+    from urdfcal.report_content import report_of
+
+    return markdown(report_of(calibration, command))
+
+
+def _json(calibration: FitResult, command: Sequence[str]) -> str:
+    return json.dumps(calibration_json(calibration), indent=2) + "\n"

@@ -1,0 +1,168 @@
+"""May this calibration be used? What a robotics engineer asks first, answered in plain words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from urdfcal.fit_result import FitResult, SpotTable, rms_mm
+from urdfcal.geometry import MM
+from urdfcal.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
+
+Level = Literal["good", "warn", "bad"]
+
+WORSE = 1.5  # times what test poses are expected to lie off more than fitted ones
+_CHANCE = 3.0  # standard deviations that are allowed for a few test poses
+_ROUNDING_MM = 1e-3  # below it nothing is worse than anything else
+_UNEXPECTED = 4.0  # standard deviations of chi-square per degree of freedom
+_MANY = 0.05  # share of the spots that are left out
+_FEW = 6  # names that a sentence can hold
+_SUMMARY: dict[Level, str] = {
+    "good": "This calibration can be used",
+    "warn": "This calibration can be used, with reservations",
+    "bad": "Do not use this calibration",
+}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence, and whether it is good news."""
+
+    level: Level
+    text: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The whole answer.
+
+    Attributes:
+        level: Of the worst finding.
+        summary: In five words.
+        headline: How far off the spots were, and are.
+        findings: What the level rests on.
+    """
+
+    level: Level
+    summary: str
+    headline: str
+    findings: tuple[Finding, ...]
+
+
+def verdict_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Verdict:
+    """Judge a calibration."""
+    findings = [
+        _trust(calibration),
+        _decided(calibration),
+        *_tested(calibration),
+        *_noise(calibration),
+        *_left_out(calibration),
+        _outlying(suspects),
+    ]
+    findings += _warned(calibration.warnings)
+    level = max((finding.level for finding in findings), key=["good", "warn", "bad"].index)
+    return Verdict(level, _SUMMARY[level], _headline(calibration), tuple(findings))
+
+
+def rough(value: float) -> str:
+    """A figure for a sentence: two digits that count."""
+    return "an unknown number of" if not math.isfinite(value) else f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.2g}"
+
+
+def count_of(number: int, noun: str) -> str:
+    """`1 spot`, `2 spots`."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def mean_mm(table: SpotTable) -> float:
+    """Mean distance over all lasers, [mm]."""
+    return sum(row.n * row.mean_mm for row in table.values()) / max(sum(row.n for row in table.values()), 1)
+
+
+def _headline(calibration: FitResult) -> str:
+    before, after = rough(mean_mm(calibration.before)), rough(mean_mm(calibration.after))
+    tested = calibration.test[1] if calibration.test else {}
+    test = f" ({rough(mean_mm(tested))} mm on test poses, which were not fitted)" if tested else ""
+    return f"The spots lay {before} mm off on average; after calibration {after} mm{test}."
+
+
+def _trust(calibration: FitResult) -> Finding:
+    if calibration.rejection:
+        return Finding("bad", f"Rejected: {calibration.rejection}.")
+    return Finding("good", f"The fit converged after {count_of(len(calibration.estimate.history) - 1, 'sweep')}.")
+
+
+def _decided(calibration: FitResult) -> Finding:
+    if not honest_covariance(calibration):
+        return Finding("warn", "The paper's schedule was used: its sigmas follow from Q and R and say nothing about accuracy.")
+    seen = calibration.identifiability
+    total, left = len(seen.determined), [name for name, flag in zip(calibration.errors.names, seen.determined, strict=True) if not flag]
+    if not left:
+        return Finding("good", f"The data determine all {total} parameters.")
+    named = ", ".join(left[:_FEW]) + (f" and {len(left) - _FEW} more" if len(left) > _FEW else "")
+    return Finding(
+        "warn",
+        f"The data determine {seen.rank} of {total} directions; {len(left)} of {total} parameters are not determined alone ({named}) "
+        "and are held by their priors.",
+    )
+
+
+def _tested(calibration: FitResult) -> list[Finding]:
+    if calibration.test is None or not calibration.test[1]:
+        return [Finding("warn", "No test poses: how well other poses are predicted has not been checked.")]
+    ratio, expected = rms_mm(calibration.test[1]) / max(rms_mm(calibration.after), 1e-12), _expected_ratio(calibration)
+    spots = sum(row.n for row in calibration.test[1].values())
+    by_chance = 1 + _CHANCE / math.sqrt(4 * max(spots, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
+    if ratio < WORSE * expected * by_chance or rms_mm(calibration.test[1]) < _ROUNDING_MM:
+        return [Finding("good", f"Test poses are predicted as well as can be expected: {ratio:.2f} times the RMS of the fitted poses.")]
+    text = f"Test poses are {ratio:.3g} times as far off (RMS) as fitted ones, where {expected:.2f} times can be expected"
+    return [Finding("warn", f"{text}: the fitted poses do not cover them, or the error model cannot follow this robot.")]
+
+
+def _expected_ratio(calibration: FitResult) -> float:
+    """Of test to fitted RMS when p of n numbers went into the parameters: sqrt((1 + p/n) / (1 - p/n))."""
+    share = min(used_numbers(calibration) / max(measured_numbers(calibration), 1), 0.99)
+    return math.sqrt((1 + share) / (1 - share))
+
+
+def _noise(calibration: FitResult) -> list[Finding]:
+    noise = calibration.estimate.noise
+    if calibration.rejection or not honest_covariance(calibration):
+        return []
+    if not noise.stated:
+        return [Finding("good", f"The spot noise is {noise.spot_sigma / MM:.3g} mm a coordinate, estimated from the residuals.")]
+    return [_stated_noise(calibration.chi_squared, max(measured_numbers(calibration) - used_numbers(calibration), 1.0))]
+
+
+def _stated_noise(chi_squared: float, free: float) -> Finding:
+    told = f"chi-square is {chi_squared:.3g} per degree of freedom"
+    if abs(chi_squared - 1) < _UNEXPECTED * math.sqrt(2 / free):
+        return Finding("good", f"Residuals agree with the stated noise: {told}.")
+    direction = "larger" if chi_squared > 1 else "smaller"
+    times = f"{math.sqrt(chi_squared):.3g} times what the stated noise explains"
+    return Finding("warn", f"Residuals are {times}, so sigmas should be {direction}: {told}.")
+
+
+def _left_out(calibration: FitResult) -> list[Finding]:
+    """A few outliers are everyday life."""
+    number, spots = len(calibration.outliers), measured_numbers(calibration) // 2
+    if not number:
+        return []
+    text = f"{count_of(number, 'spot')} left out or mended as outliers; the fit rests on {spots}."
+    return [Finding("warn" if number > _MANY * (number + spots) else "good", text)]
+
+
+def _outlying(suspects: Sequence[Suspect]) -> Finding:
+    if not suspects:
+        return Finding("good", "No spot that was used stands out from the rest.")
+    worst = suspects[0]
+    farthest = f"{worst.set} pose {worst.pose}, {worst.laser}, {rough(worst.distance_mm)} mm"
+    return Finding("warn", f"{count_of(len(suspects), 'spot')} far from the rest; the farthest: {farthest}.")
+
+
+def _warned(warnings: Sequence[str]) -> list[Finding]:
+    if len(warnings) < 2:
+        return [Finding("warn", f"Warning: {warning}.") for warning in warnings]
+    return [Finding("warn", f"{len(warnings)} warnings, listed below.")]
