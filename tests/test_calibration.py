@@ -34,7 +34,9 @@ def papers_case(robot: Robot, rng: np.random.Generator, noise: SimulatedNoise | 
 def test_exact_data_give_back_the_exact_errors(robots: dict[str, Robot], rng: np.random.Generator, schedule: str) -> None:
     """Noise-free, the 33 parameters of the paper's arm come back to 1e-6 mm and 1e-8 rad."""
     errors, truth, data = papers_case(robots["arm7"], rng)
-    found = fit(robots["arm7"], data, error_model="dh", schedule=schedule, priors=FLAT_PRIORS, tolerance=1e-13 if schedule == "paper" else None)
+    found = fit(
+        robots["arm7"], data, error_model="dh", schedule=schedule, priors=FLAT_PRIORS, tolerance=1e-13 if schedule == "paper" else None
+    )
     assert found.converged
     off = np.abs(found.x - truth)
     metres = np.array(errors.units) == "m"
@@ -69,7 +71,12 @@ def test_six_direction_errors_are_found(robots: dict[str, Robot], name: str, rng
 def test_a_carried_screen_is_the_same_problem(robots: dict[str, Robot], rng: np.random.Generator, tmp_path: object) -> None:
     """With the module on the base and the screen on the hand, the errors are found as well."""
     text = robots["ur5"].description.text.decode()
-    text = text.replace('link name="slm"', 'link name="held"').replace('"slm"', '"held"').replace('link name="screen"', 'link name="slm"').replace('"screen"', '"slm"')
+    text = (
+        text.replace('link name="slm"', 'link name="held"')
+        .replace('"slm"', '"held"')
+        .replace('link name="screen"', 'link name="slm"')
+        .replace('"screen"', '"slm"')
+    )
     swapped = text.replace('"held"', '"screen"')
     path = tmp_path / "swapped.urdf"  # type: ignore[operator]
     swapped = swapped.replace('<parent link="screen"/>\n    <child link="laser_', '<parent link="slm"/>\n    <child link="laser_')
@@ -136,7 +143,7 @@ def test_a_screen_that_is_off_leaves_the_joints_alone(robots: dict[str, Robot], 
         truth[errors.names.index(f"screen.{name}")] = value if abs(value) < 1 else np.radians(value)
     q = draw_poses(robot, errors, truth, 60, rng)
     found = fit(robot, simulate(robot, errors, truth, q, rng))
-    for name, correction in found.corrections.items():
+    for correction in found.corrections.values():
         if correction.moving:
             assert_poses_close(correction.corrected, correction.nominal, mm=1e-2, mrad=1e-2)
     assert "screen_mount" in found.corrections
@@ -183,7 +190,7 @@ def test_a_corrected_model_is_the_calibrated_urdf(robots: dict[str, Robot], rng:
 
 def test_a_model_without_the_joint_is_refused(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """A calibration does not fit another robot's model, and says which joint is missing."""
-    errors, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
+    _, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
     found = fit(robots["arm7"], data, error_model="dh")
     with pytest.raises(RobotError, match="no joint 'joint1'"):
         found.apply_to(robots["panda"].model)

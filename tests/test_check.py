@@ -86,7 +86,9 @@ def test_more_range_is_suggested_for_the_joint_that_stood_still(robots: dict[str
 
     limits = joint_limits(robot)
     limits[:, 5] = 1.9, 1.91
-    ranges = [suggestion.words for suggestion in check(robot, measured(robot, rng, limits=limits)).suggestions if "more range" in suggestion.words]
+    ranges = [
+        suggestion.words for suggestion in check(robot, measured(robot, rng, limits=limits)).suggestions if "more range" in suggestion.words
+    ]
     assert ranges[0].startswith("more range of panda_joint6")
 
 

@@ -60,7 +60,10 @@ def test_apply_repeats_the_fit(run_cli: Run, tmp_path: Path) -> None:
 
 def test_the_truth_of_a_simulation_can_be_applied(run_cli: Run) -> None:
     """simulate's truth put on the robot leaves only the noise; the nominal robot is far off."""
-    assert run_cli("simulate", ARM7, "-o", "m.csv", "--errors", "5mm,0.5deg", "--spot-noise-mm", "0.5", "--poses", "40", "--seed", "3").code == 0
+    assert (
+        run_cli("simulate", ARM7, "-o", "m.csv", "--errors", "5mm,0.5deg", "--spot-noise-mm", "0.5", "--poses", "40", "--seed", "3").code
+        == 0
+    )
     assert run_cli("apply", ARM7, "m_truth.yaml", "-o", "true.urdf").code == 0
     means = [json.loads(run_cli("evaluate", robot, "m.csv", "--json").out)["after"]["laser_1"]["mean_mm"] for robot in (ARM7, "true.urdf")]
     assert means[0] > 10
@@ -116,7 +119,9 @@ def test_dh_prints_table_i(run_cli: Run) -> None:
 
 def test_any_two_links_can_be_screen_and_laser(run_cli: Run, example_robots: Path) -> None:
     """dh works on a robot without a rig, with two of its links named."""
-    out = run_cli("dh", example_robots / "panda_description" / "urdf" / "panda.urdf", "--screen", "panda_link0", "--laser", "panda_hand_tcp").out
+    out = run_cli(
+        "dh", example_robots / "panda_description" / "urdf" / "panda.urdf", "--screen", "panda_link0", "--laser", "panda_hand_tcp"
+    ).out
     assert re.search(r"panda_joint4 +82.5000 +316.0000 +90.0000", out)
 
 
@@ -134,7 +139,20 @@ def test_warnings_go_to_stderr_and_can_be_silenced(run_cli: Run, tmp_path: Path)
 def test_help_names_every_option_with_its_unit(run_cli: Run) -> None:
     """--help documents the contract's options of fit."""
     out = run_cli("fit", "--help").out
-    for option in ("--spot-sigma-mm", "--joint-sigma-deg", "--prior-joint", "--estimator", "--error-model", "--estimate", "--fix", "--only", "--rig", "--force", "--xacro-arg", "--package-dir"):
+    for option in (
+        "--spot-sigma-mm",
+        "--joint-sigma-deg",
+        "--prior-joint",
+        "--estimator",
+        "--error-model",
+        "--estimate",
+        "--fix",
+        "--only",
+        "--rig",
+        "--force",
+        "--xacro-arg",
+        "--package-dir",
+    ):
         assert option in out
 
 

@@ -101,7 +101,8 @@ def two_axis_robot(folder: Path, xyz: str, rpy: str, axis: str = "0 0 1") -> Rob
     path.write_text(
         f"""<robot name="two"><link name="screen"/><link name="a"/><link name="b"/><link name="slm"/><link name="laser_1"/>
         <joint name="j1" type="revolute"><parent link="screen"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/>{limit}</joint>
-        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>
+        <joint name="j2" type="revolute"><parent link="a"/><child link="b"/>
+        <origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{limit}</joint>
         <joint name="m" type="fixed"><parent link="b"/><child link="slm"/><origin xyz="0.1 0.02 0.03"/></joint>
         <joint name="l" type="fixed"><parent link="slm"/><child link="laser_1"/></joint></robot>"""
     )

@@ -79,7 +79,9 @@ class Curve:
         growth = np.exp(x[0] * self.t)
         jacobian = np.stack([self.t * growth, np.ones_like(self.t)], axis=-1)
         ones = np.ones((len(self.t), 1), dtype=bool)
-        return Linearisation((self.y - growth - x[1])[:, None], jacobian[:, None], np.empty((len(self.t), 1, 0)), ones, np.full((len(self.t), 1), np.nan))
+        return Linearisation(
+            (self.y - growth - x[1])[:, None], jacobian[:, None], np.empty((len(self.t), 1, 0)), ones, np.full((len(self.t), 1), np.nan)
+        )
 
 
 def test_iterated_finds_the_map_estimate(rng: np.random.Generator) -> None:
@@ -132,7 +134,11 @@ def test_a_step_that_overshoots_is_damped() -> None:
 
     def arctangent(x: np.ndarray) -> Linearisation:
         return Linearisation(
-            np.array([[-np.arctan(x[0])]]), np.array([[[1 / (1 + x[0] ** 2)]]]), np.empty((1, 1, 0)), np.ones((1, 1), dtype=bool), np.full((1, 1), np.nan)
+            np.array([[-np.arctan(x[0])]]),
+            np.array([[[1 / (1 + x[0] ** 2)]]]),
+            np.empty((1, 1, 0)),
+            np.ones((1, 1), dtype=bool),
+            np.full((1, 1), np.nan),
         )
 
     found = iterated_schedule(arctangent, Belief(np.array([5.0]), np.diag([1e6])), Noise(1e-3, np.zeros(0)))

@@ -94,7 +94,18 @@ def test_priors_go_by_group_unit_and_name(robots: dict[str, Robot]) -> None:
     robot = robots["panda"]
     options = ModelOptions(estimate=("beams",), single={"panda_joint3.d_alpha": ParameterPrior(sigma=1e-4)})
     sigma = dict(zip((errors := build_error_model(robot.chain, robot.rig, options)).names, errors.sigma, strict=True))
-    found = [sigma[name] for name in ("panda_joint4.d_a", "panda_joint4.d_alpha", "slm.trans_x", "slm.rot_x", "screen.trans_z", "screen.rot_y", "laser_1.rot_x")]
+    found = [
+        sigma[name]
+        for name in (
+            "panda_joint4.d_a",
+            "panda_joint4.d_alpha",
+            "slm.trans_x",
+            "slm.rot_x",
+            "screen.trans_z",
+            "screen.rot_y",
+            "laser_1.rot_x",
+        )
+    ]
     np.testing.assert_allclose(found, [0.010, np.radians(1), 0.020, np.radians(2), 0.100, np.radians(5), np.radians(1)])
     assert sigma["panda_joint3.d_alpha"] == 1e-4
 
@@ -103,7 +114,7 @@ def test_patterns_that_mean_nothing_are_refused(robots: dict[str, Robot]) -> Non
     """--fix and --only name the nearest parameter when theirs does not exist."""
     robot = robots["arm7"]
     for options in (ModelOptions(fix=("joint3.d_alfa",)), ModelOptions(only=("joint3.d_alfa",))):
-        with pytest.raises(UsageError, match="did you mean 'joint3.d_alpha'"):
+        with pytest.raises(UsageError, match=r"did you mean 'joint3.d_alpha'"):
             build_error_model(robot.chain, robot.rig, options)
 
 

@@ -46,7 +46,10 @@ def test_scales_and_noise_are_those_of_the_truth(rng: np.random.Generator) -> No
 def test_groups_are_of_joints_alone() -> None:
     """Mount, screen and beams keep their stated priors."""
     kinds = {"joint1.d_a": "joint", "joint1.d_beta": "joint", "joint1.d_theta": "joint", "slm.rot_x": "mount", "screen.trans_x": "screen"}
-    groups = [group_of(Parameter(name, "m" if name[-1] in "a" and "beta" not in name and "theta" not in name else "rad", kind, 0, 1)) for name, kind in kinds.items()]  # type: ignore[arg-type]
+    groups = [
+        group_of(Parameter(name, "m" if name[-1] in "a" and "beta" not in name and "theta" not in name else "rad", kind, 0, 1))
+        for name, kind in kinds.items()
+    ]  # type: ignore[arg-type]
     assert groups == ["translation", "rotation", "zero", "", ""]
 
 

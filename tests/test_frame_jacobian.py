@@ -77,7 +77,10 @@ def test_twists_are_pinocchios_regressor(robots: dict[str, Robot], name: str, rn
     screen_module = data.oMf[screen].actInv(data.oMf[module])
     for step in robot.chain.moving:
         joint = model.getJointId(step.joint.name)
-        columns = [errors.names.index(f"{step.joint.name}.{parameter}") for parameter in ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")]
+        columns = [
+            errors.names.index(f"{step.joint.name}.{parameter}")
+            for parameter in ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
+        ]
         expected = screen_module.action @ regressor[:, 6 * (joint - 1) : 6 * joint] @ six_screws()
         np.testing.assert_allclose(motion.jac1[0][:, columns], expected, atol=1e-12)
 

@@ -72,7 +72,10 @@ def serial_arm(folder: Path, types: str, axes: list[tuple[float, ...]] | None, r
         above = f"l{index}"
     tool, foot = ("base", above) if carried else (above, "base")
     for link, parent, xyz in (("screen", foot, "1 0 0"), ("slm", tool, "0.05 0.02 0.1"), ("laser_1", "slm", "0 0 0")):
-        text.append(f'<link name="{link}"/><joint name="to_{link}" type="fixed"><parent link="{parent}"/><child link="{link}"/><origin xyz="{xyz}"/></joint>')
+        text.append(
+            f'<link name="{link}"/><joint name="to_{link}" type="fixed"><parent link="{parent}"/><child link="{link}"/>'
+            f'<origin xyz="{xyz}"/></joint>'
+        )
     path = folder / "arm.urdf"
     path.write_text("".join([*text, "</robot>"]))
     return load_robot(path)
@@ -84,7 +87,9 @@ AXES = {"random": None, "parallel": [(0, 0, 1)], "crossed": [(0, 0, 1), (0, 1, 0
 @pytest.mark.parametrize("carried", [False, True], ids=["screen fixed", "screen carried"])
 @pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
 @pytest.mark.parametrize("types", ["RRR", "PRRR", "RPR", "RRP", "RPPR", "PPP", "RPRPR", "PPPRRR", "RP", "PR"])
-def test_auto_is_complete_for_any_arm(tmp_path: Path, types: str, axes: list[tuple[float, ...]] | None, carried: bool, rng: np.random.Generator) -> None:
+def test_auto_is_complete_for_any_arm(
+    tmp_path: Path, types: str, axes: list[tuple[float, ...]] | None, carried: bool, rng: np.random.Generator
+) -> None:
     """Whatever its joints, auto has as many parameters as all six directions of every joint have rank."""
     robot = serial_arm(tmp_path, types, axes, rng, carried)
     count, rank = structural_rank(robot, ModelOptions())

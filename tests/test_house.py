@@ -12,7 +12,11 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "urdfcal"
 README = (PACKAGE.parent / "README.md").read_text("utf-8")
-FLOORS = [(int(floor), name) for floor, files in re.findall(r"^\| (\d) \| (.*?) \|", README, re.MULTILINE) for name in re.findall(r"`([\w/]+)\.py`", files)]
+FLOORS = [
+    (int(floor), name)
+    for floor, files in re.findall(r"^\| (\d) \| (.*?) \|", README, re.MULTILINE)
+    for name in re.findall(r"`([\w/]+)\.py`", files)
+]
 ORDER = {name: index for index, (_, name) in enumerate(FLOORS)}
 MODULES = sorted(path.relative_to(PACKAGE).with_suffix("").as_posix() for path in PACKAGE.rglob("*.py") if path.name != "__init__.py")
 
@@ -47,13 +51,15 @@ def test_only_the_command_line_prints() -> None:
 @pytest.mark.parametrize("statement", ["import urdfcal", "import urdfcal.cli"])
 def test_start_up_loads_nothing_heavy(statement: str) -> None:
     """Importing the package or its command line loads neither Pinocchio nor NumPy nor anything slow."""
-    code = f"{statement}; import sys; print(*sorted({{'pinocchio', 'numpy', 'scipy', 'cv2', 'meshcat', 'yourdfpy', 'lxml'}} & set(sys.modules)))"
+    heavy = {"pinocchio", "numpy", "scipy", "cv2", "matplotlib", "meshcat", "yourdfpy", "lxml"}
+    code = f"{statement}; import sys; print(*sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
 
 
 def test_an_ekf_fit_does_not_load_scipy() -> None:
     """The default road of `fit` stays off scipy, which takes longer to load than the fit takes."""
-    code = "import urdfcal.calibration, urdfcal.cli, urdfcal.report, sys; print(*[name for name in ('scipy', 'cv2', 'meshcat', 'yourdfpy') if name in sys.modules])"
+    modules = "urdfcal.calibration, urdfcal.cli, urdfcal.report, urdfcal.validation, urdfcal.extras, urdfcal.report_files"
+    code = f"import {modules}, sys; print(*sorted({{'scipy', 'cv2', 'matplotlib', 'meshcat', 'yourdfpy'}} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []

@@ -38,7 +38,9 @@ def test_the_four_joint_arm_has_two_hidden_directions(robots: dict[str, Robot], 
     robot = robots["arm4"]
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="dh"))
     truth = rng.normal(0, 1e-3, len(errors.names))
-    found = fit(robot, simulate(robot, errors, truth, draw_poses(robot, errors, truth, 60, rng), rng, SimulatedNoise(0.5e-3)), error_model="dh")
+    found = fit(
+        robot, simulate(robot, errors, truth, draw_poses(robot, errors, truth, 60, rng), rng, SimulatedNoise(0.5e-3)), error_model="dh"
+    )
     assert found.identifiability.rank == 19
     hidden = {name for name, determined in zip(errors.names, found.identifiability.determined, strict=True) if not determined}
     assert hidden == {"joint1.d_d", "joint2.d_d", "joint4.d_d"}  # slm.trans_z has the wider prior, so the narrower one of joint4 decides it

@@ -52,9 +52,14 @@ def test_stated_sigma_of_a_spot_overrides(rng: np.random.Generator) -> None:
 def test_estimated_noise_makes_chi_squared_its_degrees_of_freedom(rng: np.random.Generator) -> None:
     """Without joint noise one step suffices; with it the fixed point is reached by repetition."""
     here = one_set(rng)
-    found = Noise(3.0, np.zeros(3), stated=False).estimated(here, 10.0)
-    assert found.chi_squared(here) == pytest.approx(10.0)
+    found = Noise(3.0, np.zeros(3), stated=False).estimated(here, 25.0)
+    assert found.chi_squared(here) == pytest.approx(25.0)
     with_joints = Noise(3.0, np.full(3, 0.1), stated=False)
     for _ in range(50):
-        with_joints = with_joints.estimated(here, 10.0)
-    assert with_joints.chi_squared(here) == pytest.approx(10.0, rel=1e-6)
+        with_joints = with_joints.estimated(here, 25.0)
+    assert with_joints.chi_squared(here) == pytest.approx(25.0, rel=1e-6)
+
+
+def test_a_fit_that_nearly_runs_through_its_data_says_nothing_of_their_noise(rng: np.random.Generator) -> None:
+    """With few degrees of freedom the noise stays where it was."""
+    assert Noise(1e-3, np.zeros(3), stated=False).estimated(one_set(rng), 5.0).spot_sigma == 1e-3

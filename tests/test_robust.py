@@ -44,7 +44,9 @@ def test_clean_data_lose_nothing(robots: dict[str, Robot], clean: Measurements) 
 
 
 @pytest.mark.parametrize("stated", [None, 1e-3], ids=["noise estimated", "noise stated"])
-def test_gross_outliers_are_named_and_left_out(robots: dict[str, Robot], clean: Measurements, rng: np.random.Generator, stated: float | None) -> None:
+def test_gross_outliers_are_named_and_left_out(
+    robots: dict[str, Robot], clean: Measurements, rng: np.random.Generator, stated: float | None
+) -> None:
     """A fifth of the spots thrown off by centimetres is found, every one of them, and the estimate stays at the clean one."""
     hit = rng.random(clean.seen.shape) < 0.2
     spots = clean.spots + hit[..., None] * rng.choice([-0.1, 0.1], (*hit.shape, 2))

@@ -11,7 +11,7 @@ from urdfcal.sensors import spot_jacobian, spots_on_screen
 
 def random_beams(rng: np.random.Generator, n: int = 50) -> tuple[np.ndarray, np.ndarray]:
     """Sources in front of the screen and directions toward it."""
-    direction = rng.normal(0, 0.4, (n, 2, 3)) + [1.0, 0, 0]
+    direction = rng.normal(0, 0.4, (n, 2, 3)) + np.array([1.0, 0, 0])
     return rng.uniform([-2, -1, -1], [-0.3, 1, 1], (n, 2, 3)), direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 

@@ -52,7 +52,7 @@ def test_drawn_poses_are_on_the_screen_and_within_limits(robots: dict[str, Robot
 def test_a_screen_that_is_never_hit_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Where random poses cannot be had the message says how many were found, and what to do."""
     model, truth = random_truth(robots["panda"], rng, 0.0, 0.0)
-    with pytest.raises(UsageError, match="only 0 of .* random poses put every beam on the screen"):
+    with pytest.raises(UsageError, match=r"only 0 of .* random poses put every beam on the screen"):
         draw_poses(robots["panda"], model, truth, 5, rng, area=ScreenArea(0.01, (50.0, 0.0)))
 
 
@@ -73,7 +73,7 @@ def test_stated_errors_are_taken_by_name(robots: dict[str, Robot]) -> None:
     errors = build_error_model(robots["arm7"].chain, robots["arm7"].rig, ModelOptions(error_model="dh"))
     x = stated_truth(errors, {"joint3.d_alpha": 0.02})
     assert np.flatnonzero(x).tolist() == [errors.names.index("joint3.d_alpha")]
-    with pytest.raises(UsageError, match="did you mean 'joint3.d_alpha'"):
+    with pytest.raises(UsageError, match=r"did you mean 'joint3.d_alpha'"):
         stated_truth(errors, {"joint3.dalpha": 0.02})
 
 

@@ -134,6 +134,29 @@ def test_joints_stand_for_a_screen_without_placement(robots: dict[str, Robot]) -
     assert len(rig_columns(model_of(robots["arm7"], "screen"))) == 2
 
 
+@pytest.mark.parametrize("only", ["*.d_theta", "slm.*", "panda_joint2.d_alpha"])
+def test_what_is_held_stays(robots: dict[str, Robot], rng: np.random.Generator, only: str) -> None:
+    """With most parameters held, a far rig cannot be followed, and the start says so in place of failing."""
+    robot = robots["panda"]
+    whole = model_of(robot)
+    few = build_error_model(robot.chain, robot.rig, ModelOptions(only=(only,)))
+    begun = start(SpotModel(few, measured(robot, whole, far_truth(whole, rng), rng)), noise_of(robot))
+    assert begun.x.shape == (len(few.names),)
+    assert not begun.plausible
+
+
+def test_a_screen_that_joints_cannot_follow_is_followed_in_part(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """The paper's arm has no parameter for a yaw of its screen: that is left over, the rest is found, and the start is not called good."""
+    robot = robots["arm7"]
+    whole = model_of(robot, "screen")
+    x = np.zeros(len(whole.names))
+    x[[whole.names.index("screen.trans_x"), whole.names.index("screen.rot_z")]] = 300 * MM, 10 * DEG
+    begun = start(SpotModel(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
+    assert not begun.plausible
+    assert begun.message.startswith("'screen' was found")
+    assert "as far as joint1.d_a, joint1.d_d, joint1.d_alpha, joint1.d_theta, joint2.d_d can stand for its placement" in begun.message
+
+
 def test_data_that_nothing_explains_are_not_plausible(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Spots at random leave a start that says so, and widen no prior."""
     robot = robots["ur5"]

@@ -172,8 +172,9 @@ def _more_range(
         poses = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
         first = replace(poses, sessions=np.full(len(q), errors.sessions[0]))
         unit, size = ("mm", MM) if joint.prismatic else ("deg", DEG)
+        reach = f"{q[:, index].min() / size:.0f} to {q[:, index].max() / size:.0f} {unit}"
         has = f"{data.q[:, index].min() / size:.0f} to {data.q[:, index].max() / size:.0f} {unit}"
-        words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {q[:, index].min() / size:.0f} to {q[:, index].max() / size:.0f} {unit}"
+        words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {reach}"
         yield words, _whitened(errors, first, noise, errors.mean)
 
 

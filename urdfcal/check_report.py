@@ -68,7 +68,8 @@ def _verdict(check: Check) -> str:
     poses, spots = len(check.data), int(check.data.seen.sum())
     return (
         f"{check.robot.name}: {count} parameters, {poses} poses with {spots} spots\n"
-        f"the spots move with {seen} of {count} directions; with {check.noise.spot_sigma / MM:.3g} mm of spot noise a fit would determine {decided}"
+        f"the spots move with {seen} of {count} directions; "
+        f"with {check.noise.spot_sigma / MM:.3g} mm of spot noise a fit would determine {decided}"
     )
 
 

@@ -115,7 +115,7 @@ class FitResult:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
         if self.estimate.noise.stated and self.chi_squared > CHI_SQUARED_LIMIT:
             return (
-                f"chi-square is {self.chi_squared:.3g} times what the stated noise of {self.estimate.noise.spot_sigma / MM:.3g} mm explains "
+                f"chi-square is {self.chi_squared:.3g} times what the stated {self.estimate.noise.spot_sigma / MM:.3g} mm of noise explain "
                 f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
             )
         return ""

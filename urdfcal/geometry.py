@@ -25,7 +25,7 @@ DEG = np.pi / 180
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a x b of two 3-vectors; NumPy's own takes twenty times as long for so little."""
+    """A x b of two 3-vectors; NumPy's own takes twenty times as long for so little."""
     return np.asarray(pin.skew(a) @ b)
 
 

@@ -33,8 +33,8 @@ def _mount_warning(robot: Robot) -> tuple[str, ...]:
     if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
         return ()
     return (
-        f"the module '{robot.rig.module}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of the dh model "
-        "leave out trans_y, which such a mount shows; use --error-model auto or hayati",
+        f"the module '{robot.rig.module}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of "
+        "the dh model leave out trans_y, which such a mount shows; use --error-model auto or hayati",
     )
 
 

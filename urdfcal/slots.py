@@ -95,7 +95,7 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
 
 
 def _paper_mount(chain: Chain) -> Matrix:
-    """The paper's five, (6, 5): as in (2) the translations run along x and z of the last joint's frame, the rotations are the module's own."""
+    """The paper's five, (6, 5): translations along x and z of the last joint's frame as in (2), rotations its own."""
     module = chain.T_last_module
     along = [translation_screw(module.rotation.T @ direction) for direction in (X, Z)]
     return np.column_stack([*along, six_screws()[:, 3:]])

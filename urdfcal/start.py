@@ -26,6 +26,7 @@ Columns = npt.NDArray[np.intp]
 _ROUGH = PriorScale(500 * MM, 30 * DEG)  # how roughly a rig may be placed
 _EXPLAINED = 0.5  # share of what the priors allow that the nominal residual may have
 _PLAUSIBLE, _NOISES = 5 * MM, 5.0  # what may be left over: this, or so many times the spot noise
+_BETTER = 0.2  # a rig that is elsewhere must leave less than this share of what was left before
 _FAR = 4.0  # [sigmas] beyond this a rig is not where its prior has it
 _TILT = 60 * DEG
 _MOST_TURN, _MOST_JOINT_TURN = 75 * DEG, 20 * DEG  # beyond these a rig is not placed roughly, and a joint not made badly
@@ -62,13 +63,13 @@ def start(model: SpotModel, noise: Noise) -> Start:
     errors, limit = model.errors, plausible_scale(noise)
     if _explained(model, noise):
         return Start(errors.mean, errors)
-    near = aim_fit(model, near_wanted(errors, noise), errors.mean)
-    groups, near_plausible = _rig_groups(errors), near.scale < limit and credible(errors, near.x)
-    if near_plausible and not any(group.far(errors, near.x) for group in groups):
+    near, groups = aim_fit(model, near_wanted(errors, noise), errors.mean), _rig_groups(errors)
+    plausible, far = near.scale < limit and credible(errors, near.x), any(group.far(errors, near.x) for group in groups)
+    if plausible and not far:
         return Start(near.x, errors, "", near.scale)
     found = _roughly_placed(model, groups, noise, limit)
-    if found.scale > max(near.scale / 2, limit):  # placing the rig elsewhere explains nothing
-        return Start(near.x, errors, "", near.scale, near_plausible)
+    if found.scale > max(limit, _BETTER * (_untouched(model, noise) if far else near.scale)):  # a rig that is elsewhere explains nothing
+        return Start(near.x, errors, "", near.scale, plausible)
     moved = [group for group in groups if group.far(errors, found.x)]
     words = "; ".join(group.words(errors, found.x) for group in moved)
     return Start(found.x, _widened(errors, moved, found.x), words, found.scale, found.scale < limit and credible(errors, found.x))
@@ -169,12 +170,17 @@ def _explained(model: SpotModel, noise: Noise) -> bool:
     return all(np.median(share[seen, laser]) < _EXPLAINED for laser, seen in enumerate(model.data.seen.T) if seen.any())
 
 
+def _untouched(model: SpotModel, noise: Noise) -> float:
+    """Robust standard deviation of a spot coordinate in the nominal robot, [m]."""
+    return aim_fit(model, near_wanted(model.errors, noise), model.errors.mean, iterations=0).scale
+
+
 def _roughly_placed(model: SpotModel, groups: Sequence[_Group], noise: Noise, limit: float) -> AimFit:
     """The best fit with the rig free to be elsewhere; from tilted placements if the nominal one leads nowhere."""
     errors = model.errors
     wanted = _far_wanted(errors, groups, noise)
     found = aim_fit(model, wanted, errors.mean)
-    if found.scale < limit:
+    if found.scale < limit or not groups:
         return found
     rig = replace(wanted, only=np.concatenate([group.columns for group in groups]).astype(int))
     fits = [aim_fit(model, rig, x, _TILTED_ITERATIONS) for angle in (_TILT, -_TILT) for x in tilted(errors, angle)]

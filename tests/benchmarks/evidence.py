@@ -73,9 +73,7 @@ def main() -> None:
     arguments = parser.parse_args()
     robot = load_robot(ROOT / "robots" / "ur5" / "ur5.urdf.xacro")
     arms = factory_truths(arguments.data) if (arguments.data / "ur_factory").is_dir() else []
-    print(
-        f"UR5, 1 mm noise, {arguments.robots} robots each: held-out RMS of a spot coordinate [mm], defaults and by evidence; ratio (median, 95 %)"
-    )
+    print(f"UR5, 1 mm noise, {arguments.robots} robots each: held-out RMS [mm], defaults and by evidence; ratio (median, 95 %)")
     for kind in ("gaussian", *(["factory"] if arms else []), "zero"):
         for poses in arguments.poses:
             both = np.array([held_out(robot, seed, poses, kind, arms) for seed in range(arguments.robots)])

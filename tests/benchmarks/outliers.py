@@ -1,6 +1,6 @@
 """Held-out error under gross outliers and swapped beams, relative to the clean fit: the gated filter and the robust estimator.
 
-    python tests/benchmarks/outliers.py [--seeds N]
+python tests/benchmarks/outliers.py [--seeds N]
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def main() -> None:
     arguments = parser.parse_args()
     for name in arguments.robots:
         robot = load_robot(ROBOTS / name / f"{name}.urdf.xacro")
-        print(f"{name}, {arguments.poses} poses, 1 mm noise, {arguments.seeds} seeds: held-out RMS relative to the clean fit (median, worst)")
+        print(
+            f"{name}, {arguments.poses} poses, 1 mm noise, {arguments.seeds} seeds: held-out RMS relative to the clean fit (median, worst)"
+        )
         ratios: dict[tuple[str, str], list[float]] = {}
         for seed in range(arguments.seeds):
             rng = np.random.default_rng(seed)
@@ -64,7 +66,9 @@ def main() -> None:
             data = simulate(robot, model, truth, q[: arguments.poses], rng, SimulatedNoise(1e-3))
             unseen = measurements_from(robot, q[arguments.poses :], true_spots(robot, model, truth, q[arguments.poses :]))
             clean = held_out(robot, data, unseen, gated=False)
-            cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {"10% swapped": with_swapped(data, 0.1, rng)}
+            cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {
+                "10% swapped": with_swapped(data, 0.1, rng)
+            }
             for case, spoilt in cases.items():
                 for label, how in FITS.items():
                     ratios.setdefault((case, label), []).append(held_out(robot, spoilt, unseen, **how) / clean)
