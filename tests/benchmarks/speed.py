@@ -60,7 +60,9 @@ def sweep(robot: Robot, errors: ErrorModel, truth: np.ndarray, rng: np.random.Ge
         J.T @ J, J.T @ here.residual.ravel()
 
     ours, bare = (np.median([best(f, 3) for _ in range(9)]) for f in (normal_equations, lambda: bare_loop(robot, q)))
-    return f"one sweep of 6000 poses with its normal equations               {ours / 6e-3:6.2f} us a pose, {ours / bare:.2f} x the bare Pinocchio loop"
+    return (
+        f"one sweep of 6000 poses with its normal equations               {ours / 6e-3:6.2f} us a pose, {ours / bare:.2f} x bare Pinocchio"
+    )
 
 
 def whole_fit(robot: Robot, errors: ErrorModel, truth: np.ndarray, rng: np.random.Generator) -> str:
