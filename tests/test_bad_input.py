@@ -276,7 +276,7 @@ USAGE = {
     "simulate no poses": ("simulate small.urdf -o out.csv --poses 0", {}, "--poses"),
     "simulate scales": ("simulate small.urdf -o out.csv --errors 2", {}, "'2' is not a prior"),
     "simulate noise": ("simulate small.urdf -o out.csv --noise pink", {}, "no noise distribution 'pink'; there are: gaussian, uniform"),
-    "simulate noise negative": ("simulate small.urdf -o out.csv --spot-noise-mm -1", {}, "noise cannot be negative"),
+    "simulate noise negative": ("simulate small.urdf -o out.csv --spot-noise-mm -1", {}, "noise must be finite and not negative"),
     "simulate onto the robot": ("simulate small.urdf -o small.urdf", {}, "small.urdf: is an input of this command"),
     "simulate off the screen": ("simulate small.urdf -o out.csv --screen-size-m 0.000001", {}, "random poses put every beam on the screen"),
 }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -280,3 +282,35 @@ def test_odd_options_are_refused(robots: dict[str, Robot], rng: np.random.Genera
         fit(robots["panda"], data)
     with pytest.raises(UsageError, match="no pose is left to fit"):
         fit(robots["arm7"], replace(data, sets=np.array(["test"] * len(data))))
+
+
+def test_a_laser_that_hangs_on_another_moves_with_its_beam(robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:
+    """Where laser_2 hangs on laser_1, estimating beams still ends at the truth: its spots follow laser_1's angles, too."""
+    text = robots["arm7"].description.text.decode()
+    path = tmp_path / "nested.urdf"
+    path.write_text(re.sub(r'<parent link="slm"/>(\s*)<child link="laser_2"/>', r'<parent link="laser_1"/>\1<child link="laser_2"/>', text))
+    robot = urdfcal.load_robot(path)
+    assert len(robot.chain.laser_joints[1]) == 2
+    options = ModelOptions(only=("laser_*",), estimate=("beams",))
+    errors = build_error_model(robot.chain, robot.rig, options)
+    truth = np.array([0.01, -0.008, 0.006, 0.004])
+    data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, 30, rng, area=ScreenArea(6.0)), rng)
+    np.testing.assert_allclose(fit(robot, data, options=options, spot_sigma=1e-4).x, truth, atol=1e-6)
+
+
+def test_a_robust_fit_is_not_rejected_for_its_outliers(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """With the right noise stated, spots that the robust estimator weighs down are no misfit."""
+    _, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
+    spots = data.spots.copy()
+    spots[::10] += 0.1
+    assert fit(robots["arm7"], replace(data, spots=spots), error_model="dh", estimator="robust", spot_sigma=1e-3).rejection == ""
+
+
+def test_too_few_spots_are_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A handful of poses says nothing of the noise: the start value stays, and that is warned of."""
+    robot = robots["panda"]
+    model, truth = random_truth(robot, rng, 1e-3, 1e-3)
+    data = simulate(robot, model, truth, draw_poses(robot, model, truth, 9, rng), rng, SimulatedNoise(0.5e-3))
+    found = fit(robot, data)
+    assert found.estimate.noise.spot_sigma == 1e-3
+    assert any("too few spots to estimate their noise" in line for line in found.warnings)

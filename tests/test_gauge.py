@@ -122,3 +122,41 @@ def test_sessions_have_screens_of_their_own(robots: dict[str, Robot]) -> None:
     robot = robots["arm7"]
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="dh"), ("monday", "tuesday"))
     assert errors.names[33:] == tuple(f"screen:tuesday.{name}" for name in ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z"))
+
+
+def test_coincident_axes_are_complete_too(tmp_path: Path) -> None:
+    """Two joints on one line have no normal to turn; auto offers the missing shift last, and then has full rank."""
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+    joints = [("0 0 0.1", "0 0 0"), ("0.3 0 0.2", "1.2 0 0"), ("0 0 0.2", "0 0 0"), ("0.2 0.1 0.3", "0 1.1 0")]
+    text, above = ['<robot name="coaxial"><link name="base"/>'], "base"
+    for number, (xyz, rpy) in enumerate(joints):
+        text.append(
+            f'<link name="l{number}"/><joint name="j{number}" type="revolute"><parent link="{above}"/><child link="l{number}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>{limit}</joint>'
+        )
+        above = f"l{number}"
+    for link, parent, xyz in (("screen", "base", "1 0 0"), ("slm", above, "0.05 0.02 0.1"), ("laser_1", "slm", "0 0 0")):
+        text.append(
+            f'<link name="{link}"/><joint name="to_{link}" type="fixed"><parent link="{parent}"/><child link="{link}"/>'
+            f'<origin xyz="{xyz}"/></joint>'
+        )
+    path = tmp_path / "coaxial.urdf"
+    path.write_text("".join([*text, "</robot>"]))
+    robot = load_robot(path)
+    assert structural_rank(robot, ModelOptions()) == (4 * 4 + 6, 4 * 4 + 6)
+
+
+def test_what_is_held_carries_nothing(robots: dict[str, Robot]) -> None:
+    """With screen and mount fixed the joints' parameters that they would have carried enter the state."""
+    robot = robots["panda"]
+    errors = build_error_model(robot.chain, robot.rig, ModelOptions(fix=("screen.*", "slm.*")))
+    assert "the screen" not in errors.carried.values()
+    assert "the mount" not in errors.carried.values()
+    assert {"panda_joint1.d_theta", "panda_joint7.d_theta"} <= set(errors.names)
+
+
+def test_a_single_session_may_have_a_name(robots: dict[str, Robot]) -> None:
+    """A session label on all poses changes nothing about the parameters."""
+    for name in ("arm7", "panda"):
+        robot = robots[name]
+        assert build_error_model(robot.chain, robot.rig, None, ("A",)).names == build_error_model(robot.chain, robot.rig).names

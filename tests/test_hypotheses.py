@@ -16,7 +16,7 @@ from urdfcal.noise import Noise
 from urdfcal.robot import Robot
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import start
+from urdfcal.start import find_start
 
 Change = Callable[[Measurements], Measurements]
 
@@ -39,7 +39,7 @@ def noise_of(model: SpotModel) -> Noise:
 def said(model: SpotModel, change: Change) -> str:
     """What is said of changed measurements, as `fit` would ask."""
     wrong = SpotModel(model.errors, change(model.data))
-    if start(wrong, noise_of(wrong)).plausible:
+    if find_start(wrong, noise_of(wrong)).plausible:
         return ""
     found = best_hypothesis(wrong, noise_of(wrong))
     return found.words if found else ""
@@ -88,7 +88,7 @@ def test_a_mistake_is_named(robots: dict[str, Robot], words: str, name: str, out
 def test_healthy_data_are_left_alone(robots: dict[str, Robot], name: str, mm: float, deg: float, outliers: float) -> None:
     """Honest errors of 10 mm and 1 deg with 20 % gross outliers raise no alarm, even when asked directly."""
     model, _ = measured(robots[name], mm, deg, outliers, seed=2)
-    begun = start(model, noise_of(model))
+    begun = find_start(model, noise_of(model))
     assert begun.plausible
     assert begun.message == ""
     assert best_hypothesis(model, noise_of(model)) is None

@@ -18,7 +18,7 @@ from urdfcal.noise import Noise
 from urdfcal.robot import Robot
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import rig_columns, start
+from urdfcal.start import find_start, rig_columns
 
 CASES = [("panda", ()), ("ur5", ()), ("arm7", ("screen",)), ("arm7", ())]
 
@@ -78,7 +78,7 @@ def test_a_fit_from_afar_reaches_the_answer(robots: dict[str, Robot], name: str,
     errors = model_of(robot, *estimate)
     x, noise = far_truth(errors, rng), noise_of(robot)
     model = SpotModel(errors, measured(robot, errors, x, rng))
-    begun = start(model, noise)
+    begun = find_start(model, noise)
     found, answer = (fitted(model, begun.errors, noise, at) for at in (begun.x, x))
     assert begun.plausible
     assert found.converged
@@ -91,7 +91,7 @@ def test_a_fit_from_afar_survives_outliers(robots: dict[str, Robot], rng: np.ran
     robot = robots["ur5"]
     errors = model_of(robot)
     model = SpotModel(errors, measured(robot, errors, far_truth(errors, rng), rng, outliers=0.2))
-    begun = start(model, noise_of(robot))
+    begun = find_start(model, noise_of(robot))
     assert begun.plausible
     assert begun.scale < 1.5 * MM
 
@@ -102,7 +102,7 @@ def test_a_good_robot_starts_at_its_prior(robots: dict[str, Robot], rng: np.rand
     robot = robots[name]
     errors = model_of(robot)
     x = rng.normal(0, np.where(np.array(errors.units) == "m", 0.3 * MM, 0.05 * DEG))
-    begun = start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
+    begun = find_start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
     assert begun.errors is errors
     assert begun.message == ""
     np.testing.assert_array_equal(begun.x, errors.mean)
@@ -117,7 +117,7 @@ def test_only_the_far_prior_is_widened(robots: dict[str, Robot], rng: np.random.
     x = np.zeros(len(errors.names))
     moved = [errors.names.index("slm.trans_y"), errors.names.index("slm.trans_z")]
     x[moved] = 180 * MM, 240 * MM
-    begun = start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
+    begun = find_start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
     others = np.delete(np.arange(len(x)), moved)
     np.testing.assert_array_equal(begun.errors.sigma[others], errors.sigma[others])
     np.testing.assert_allclose(begun.errors.sigma[moved], 300 * MM, atol=10 * MM)
@@ -140,7 +140,7 @@ def test_what_is_held_stays(robots: dict[str, Robot], rng: np.random.Generator, 
     robot = robots["panda"]
     whole = model_of(robot)
     few = build_error_model(robot.chain, robot.rig, ModelOptions(only=(only,)))
-    begun = start(SpotModel(few, measured(robot, whole, far_truth(whole, rng), rng)), noise_of(robot))
+    begun = find_start(SpotModel(few, measured(robot, whole, far_truth(whole, rng), rng)), noise_of(robot))
     assert begun.x.shape == (len(few.names),)
     assert not begun.plausible
 
@@ -151,7 +151,7 @@ def test_a_screen_that_joints_cannot_follow_is_followed_in_part(robots: dict[str
     whole = model_of(robot, "screen")
     x = np.zeros(len(whole.names))
     x[[whole.names.index("screen.trans_x"), whole.names.index("screen.rot_z")]] = 300 * MM, 10 * DEG
-    begun = start(SpotModel(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
+    begun = find_start(SpotModel(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
     assert not begun.plausible
     assert begun.message.startswith("'screen' was found")
     assert "as far as joint1.d_a, joint1.d_d, joint1.d_alpha, joint1.d_theta, joint2.d_d can stand for its placement" in begun.message
@@ -162,7 +162,7 @@ def test_data_that_nothing_explains_are_not_plausible(robots: dict[str, Robot], 
     robot = robots["ur5"]
     errors = model_of(robot)
     data = measured(robot, errors, errors.mean, rng)
-    begun = start(SpotModel(errors, replace(data, spots=rng.uniform(-1, 1, data.spots.shape))), noise_of(robot))
+    begun = find_start(SpotModel(errors, replace(data, spots=rng.uniform(-1, 1, data.spots.shape))), noise_of(robot))
     assert not begun.plausible
     assert begun.message == ""
     assert begun.errors is errors

@@ -24,9 +24,10 @@ from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
 from urdfcal.method import CleanFit, Method, fit_without_outliers
 from urdfcal.model_warnings import model_warnings
-from urdfcal.noise import LEAST_FREEDOM, START_SPOT_SIGMA, Noise
+from urdfcal.noise import LEAST_FREEDOM, START_SPOT_SIGMA, Linearisation, Noise
 from urdfcal.report import text_report
 from urdfcal.robot import Robot
+from urdfcal.robust import robust_scale, squared_distances
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
@@ -122,10 +123,11 @@ def fit(
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     _check(robot, data, spot_sigma)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
-    fit_set, test_set = _sets(data, test)
+    fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
-    noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None or _all_stated(fit_set))
+    stated = spot_sigma is not None or _all_stated(fit_set)
+    noise = Noise(spot_sigma or _typical_sigma(fit_set), joint_sigmas(robot, joint_sigma), stated)
     prior = Belief(errors.mean, np.diag(errors.sigma**2))
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
     found = method.run(model, prior, noise)
@@ -134,6 +136,8 @@ def fit(
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
     chosen: Evidence | None = None
+    if evidence and method.label != "ekf, iterated":
+        raise UsageError(f"priors are chosen by evidence for the iterated ekf alone, not for {method.label}")
     if evidence:
         errors, found, chosen = _by_evidence(model, errors, noise, found, options)
     here = model.linearise(found.belief.x)
@@ -149,12 +153,12 @@ def fit(
         evidence=chosen,
         after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
-        chi_squared=found.noise.chi_squared(here) / max(freedom, 1.0),
+        chi_squared=_misfit(method, found.noise, here, freedom),
         data=fit_set,
         test_data=None,
         estimator=method.label,
         error_model=options.error_model,
-        warnings=(*data.warnings, *model_warnings(robot, errors, options), *_few_spots(noise, freedom)),
+        warnings=(*data.warnings, *model_warnings(robot, errors, options), *_few_spots(noise, freedom), *_few_poses(evidence, fit_set)),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
 
@@ -208,6 +212,12 @@ def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
     )
 
 
+def _few_poses(evidence: bool, data: Measurements) -> tuple[str, ...]:
+    if not evidence or len(data) >= LEAST_POSES:
+        return ()
+    return (f"{len(data)} poses are too few to choose priors by evidence ({LEAST_POSES} are needed); the stated ones were used",)
+
+
 def _by_evidence(
     model: SpotModel, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
 ) -> tuple[ErrorModel, Estimate, Evidence | None]:
@@ -230,13 +240,32 @@ def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:
         )
 
 
-def _sets(data: Measurements, test: Measurements | None) -> tuple[Measurements, Measurements | None]:
+def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:
+    """The poses to fit, and those to test: marked in the data, or given apart.
+
+    Raises:
+        UsageError: nothing is left to fit, or test poses come from both.
+    """
     fit_set, marked = data.split()
     if not fit_set.seen.any():
         raise UsageError("no pose is left to fit: every row with a spot is marked as test")
     if test is not None and len(marked):
         raise UsageError("the measurements mark test poses in their 'set' column, and other test poses were given; use one of the two")
     return fit_set, test if test is not None else marked if len(marked) else None
+
+
+def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
+    """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
+    if method.estimator == "robust":
+        return robust_scale(squared_distances(here, noise)) ** 2
+    return noise.chi_squared(here) / max(freedom, 1.0)
+
+
+def _typical_sigma(data: Measurements) -> float:
+    """The root mean square of the spots' own stated noise; where any spot states none, the start value, [m]."""
+    if not _all_stated(data):
+        return START_SPOT_SIGMA
+    return float(np.sqrt(np.mean(data.sigma[data.seen] ** 2)))
 
 
 def _all_stated(data: Measurements) -> bool:
@@ -260,5 +289,6 @@ def _require_beams_on_screen(model: SpotModel, x: Vector) -> None:
         pose, laser = missing
         raise FitRejected(
             f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the nominal robot its beam does not meet the screen; "
-            "check the mount of the module, the screen's placement and the joints' units and signs"
+            "check the mount of the module, the screen's placement and the joints' units and signs",
+            forceable=False,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.calibration import joint_sigmas
+from urdfcal.calibration import fit_and_test, joint_sigmas
 from urdfcal.ekf import Belief, compress, update
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
@@ -25,6 +25,7 @@ from urdfcal.spot_model import SpotModel
 
 _SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
 _MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
+_ELSEWHERE = "tried elsewhere"
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 _REACH = 3.0  # [m] longest beam of a pose that is suggested
 _LEAST_ZX = 0.3
@@ -92,7 +93,7 @@ def check(
         rng: For the poses that suggestions are tried with; seeded by default.
     """
     options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
-    fit_set, _ = data.split()
+    fit_set, _ = fit_and_test(data)
     errors = build_error_model(robot.chain, robot.rig, options, fit_set.session_names)
     noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma))
     H = _whitened(errors, fit_set, noise, errors.mean)
@@ -214,11 +215,14 @@ def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: No
 
 def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data: Measurements, noise: Noise, H: Matrix) -> Matrix:
     """Posterior of our parameters with the same poses seen on a screen that stands elsewhere."""
-    moved = build_error_model(robot.chain, robot.rig, options, (*errors.sessions, "moved"))
+    free = replace(options, fix=(), only=())
+    moved = build_error_model(robot.chain, robot.rig, free, (*errors.sessions, _ELSEWHERE))
+    kept = tuple(parameter for parameter in moved.parameters if parameter.name in errors.names or f":{_ELSEWHERE}." in parameter.name)
+    moved = replace(moved, parameters=kept, held=errors.held)
     x = moved.mean.copy()
     for name, value in _MOVED_SCREEN.items():
-        x[moved.names.index(f"{robot.rig.screen}:moved.{name}")] = value
-    again = replace(data, sessions=np.full(len(data), "moved"), spots=np.where(np.isnan(data.spots), np.nan, 0.0))
+        x[moved.names.index(f"{robot.rig.screen}:{_ELSEWHERE}.{name}")] = value
+    again = replace(data, sessions=np.full(len(data), _ELSEWHERE), spots=np.where(np.isnan(data.spots), np.nan, 0.0))
     here = SpotModel(moved, again, joints=bool(np.any(noise.joint_sigma))).linearise(x)
     extra = noise.weights(here).jacobian(_without_lost(here))
     wide = np.zeros((len(H), len(moved.names)))

@@ -494,6 +494,9 @@ def main() -> NoReturn:
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
     try:
         code = app(standalone_mode=False, prog_name="urdfcal")
+    except FitRejected as error:
+        way_out = " (--force writes it anyway)" if error.forceable else ""
+        _fail(f"rejected: {error}; nothing written{way_out}", error.exit_code)
     except UrdfcalError as error:
         _fail(str(error), error.exit_code)
     except typer.Abort:
@@ -511,9 +514,7 @@ def main() -> NoReturn:
 
 
 def _fail(message: str, code: int) -> NoReturn:
-    print(
-        f"urdfcal: {message}" if code != 3 else f"urdfcal: rejected: {message}; nothing written (--force writes it anyway)", file=sys.stderr
-    )
+    print(f"urdfcal: {message}", file=sys.stderr)
     sys.exit(code)
 
 
@@ -603,7 +604,7 @@ def _require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
 
 
 def _stem_of(urdf: Path) -> str:
-    return urdf.name.split(".")[0].removesuffix("_calibrated") or urdf.stem
+    return urdf.name.removesuffix(".urdf").removesuffix("_calibrated") or urdf.stem
 
 
 def _listed(paths: Iterable[str | Path]) -> str:

@@ -40,7 +40,8 @@ class DhRow:
         alpha, beta, theta: [rad]; beta is 0 but for nearly parallel axes by Hayati.
         slide: [m] along z after the rotations; only for the module, whose origin need not lie on the normal.
         parallel: Whether the axis is nearly parallel to the one before it.
-        screws: Unit screw of each of d_a, d_d, d_alpha, d_beta, d_theta, (6,), in the joint's placement frame.
+        screws: Unit screw of each of d_a, d_b, d_d, d_alpha, d_beta, d_theta, (6,), in the joint's placement frame; d_b is the shift
+            along y that (2) does not have.
         behind_slide: Whether a sliding joint stands between this axis and the one before it.
     """
 
@@ -177,6 +178,7 @@ def _row(name: str, before: _Axis, after: _Axis, normal: _Normal, x_after: Vecto
     slide = float((after.frame.translation - normal.foot) @ after.z)
     in_world = {
         "d_a": translation_screw(normal.x),
+        "d_b": translation_screw(cross(before.z, normal.x)),
         "d_d": translation_screw(before.z),
         "d_alpha": rotation_screw(normal.x, normal.foot),
         "d_beta": rotation_screw(tilted[:, 1], normal.foot),

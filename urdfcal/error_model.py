@@ -127,10 +127,12 @@ class ErrorModel:
         return np.array([parameter.mean for parameter in self.parameters])
 
     @cached_property
-    def beam_lasers(self) -> tuple[int, ...]:
-        """For each parameter the index of the laser whose beam alone it moves, or -1."""
-        of_laser = {joints[-1].child: index for index, joints in enumerate(self.chain.laser_joints)}
-        return tuple(of_laser[parameter.name.rsplit(".", 1)[0]] if parameter.kind == "beam" else -1 for parameter in self.parameters)
+    def moves_laser(self) -> Any:
+        """Which lasers each parameter moves, (lasers, p): a beam's own alone, and those that hang on it; anything else all of them."""
+        ways = [{joint.child for joint in joints} for joints in self.chain.laser_joints]
+        carriers = [parameter.name.rsplit(".", 1)[0] if parameter.kind == "beam" else "" for parameter in self.parameters]
+        moves = np.array([[not carrier or carrier in way for carrier in carriers] for way in ways], dtype=bool)
+        return moves.reshape(len(ways), len(carriers))
 
     def check(self, x: Vector) -> Vector:
         """X as an array of floats, if it fits.
@@ -142,11 +144,6 @@ class ErrorModel:
         if x.shape != (len(self.parameters),):
             raise ShapeMismatch(f"the error model has {len(self.parameters)} parameters, x has shape {x.shape}")
         return x
-
-    def session_columns(self, session: str) -> list[int]:
-        """The columns of x that move the spots of one session."""
-        own = self._names_of(session)
-        return [column for column, name in enumerate(self.names) if name in own]
 
     def slot_values(self, x: Vector, session: str = "") -> list[Vector]:
         """The coordinates of every slot, [m] and [rad], in one session."""
@@ -240,9 +237,6 @@ class ErrorModel:
     def _slot_names(self, session: str) -> list[str]:
         suffix = f":{session}" if session != self.sessions[0] else ""
         return [f"{slot.label}{suffix if slot.kind == 'screen' else ''}.{name}" for slot in self.slots for name in slot.names]
-
-    def _names_of(self, session: str) -> set[str]:
-        return set(self._slot_names(session))
 
 
 @dataclass(frozen=True)

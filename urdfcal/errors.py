@@ -66,6 +66,11 @@ class FitRejected(UrdfcalError):
 
     exit_code = 3
 
+    def __init__(self, message: str, forceable: bool = True) -> None:
+        """`forceable` says whether there is a result at all that could be written all the same."""
+        super().__init__(message)
+        self.forceable = forceable
+
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The way out for a misspelt name: `; did you mean 'tool0'?`, or the known names, or nothing."""

@@ -84,13 +84,17 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     slots = slots_of(chain, rig, options.error_model, options.per_joint)
     if "screen" in options.estimate or len(sessions) > 1:
         require_screen_slot(chain, rig)
-    candidates = parameters_of(slots, priors)
-    chosen, carried = _gauge(chain, rig, slots, candidates, options)
     if "beams" in options.estimate or "beams4" in options.estimate:
         slots += beam_slots(chain, BEAMS4 if "beams4" in options.estimate else BEAMS)
-        chosen += [parameter for parameter in parameters_of(slots, priors) if parameter.kind == "beam"]
-    chosen += _later_screens(slots, sessions, priors)
-    return _narrowed(ErrorModel(chain, slots, tuple(chosen), carried=carried, sessions=tuple(sessions)), options)
+    screen_wanted = chain.screen_joint is not None or "screen" in options.estimate
+    offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
+    stated, fixed = _stated([*offered, *_later_screens(slots, sessions, priors)], options)
+    free = [parameter for parameter in stated if parameter.name not in fixed]
+    if not free:
+        raise UsageError("nothing is left to estimate: every parameter is fixed")
+    chosen, carried = _gauge(chain, slots, free, options)
+    held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
+    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions))
 
 
 def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None) -> Matrix:
@@ -102,14 +106,14 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
     q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
     arm = ArmKinematics(chain)
-    motion = motion_at(arm, errors.placements(np.zeros(len(errors.names))), arm.chain_positions(q))
+    motion = motion_at(arm, errors.placements(np.zeros(len(errors.names)), errors.sessions[0]), arm.chain_positions(q))
     return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
 
 
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
     """Screen parameters that are not in the state, cannot be held by a fixed joint, and would raise the rank if they were."""
     first = chain.steps[0]
-    if chain.screen_joint is not None or not first.forward or any(parameter.kind == "screen" for parameter in errors.parameters):
+    if chain.screen_joint is not None or not first.forward or any(name.startswith(f"{rig.screen}.") for name in errors.names):
         return ()
     screen = [parameter for parameter in parameters_of(errors.slots, DEFAULT_PRIORS) if parameter.kind == "screen"]
     whole = replace(errors, parameters=(*errors.parameters, *screen), sessions=errors.sessions[:1])
@@ -132,17 +136,16 @@ def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
     return taken
 
 
-def _gauge(
-    chain: Chain, rig: Rig, slots: tuple[Slot, ...], candidates: list[Parameter], options: ModelOptions
-) -> tuple[list[Parameter], dict[str, str]]:
-    """The parameters that enter the state, and what carries the others."""
-    own_screen = chain.screen_joint is not None
-    screen_wanted = own_screen or "screen" in options.estimate
-    offered = [parameter for parameter in candidates if parameter.kind != "screen" or screen_wanted]
-    if options.error_model != "auto" and own_screen:
-        return offered, {}
-    errors = ErrorModel(chain, slots, tuple(offered))
+def _gauge(chain: Chain, slots: tuple[Slot, ...], free: list[Parameter], options: ModelOptions) -> tuple[list[Parameter], dict[str, str]]:
+    """The free parameters that enter the state, and what carries the others; what is held at its value carries nothing.
+
+    Beams and later screens move no whole pose of the module, so they always enter.
+    """
     automatic = options.error_model == "auto"
+    if not automatic and chain.screen_joint is not None:
+        return free, {}
+    offered = [parameter for parameter in free if parameter.kind != "beam" and ":" not in parameter.name.rsplit(".", 1)[0]]
+    errors = ErrorModel(chain, slots, tuple(offered))
     spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
     order = sorted(
         range(len(offered)),
@@ -154,7 +157,8 @@ def _gauge(
         taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
     left_out = [column for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
     carried = _carriers(offered, jacobian, sorted(taken), left_out) if automatic else {}
-    return [offered[column] for column in sorted(taken)], carried
+    entered = {offered[column].name for column in taken} | ({parameter.name for parameter in free} - set(errors.names))
+    return [parameter for parameter in free if parameter.name in entered], carried
 
 
 def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple[int, int, int]:
@@ -195,28 +199,20 @@ def _split_in(name: str, session: str) -> tuple[str, str, str]:
     return label, session, last
 
 
-def _narrowed(errors: ErrorModel, options: ModelOptions) -> ErrorModel:
-    """Apply rig.yaml, `--fix` and `--only`."""
-    parameters = list(errors.parameters)
-    held: dict[str, float] = {}
-    fixed: set[str] = set()
+def _stated(parameters: list[Parameter], options: ModelOptions) -> tuple[list[Parameter], set[str]]:
+    """The parameters with what a rig.yaml says of them, and the names of those that rig.yaml, `--fix` and `--only` hold."""
+    named, fixed = {parameter.name: parameter for parameter in parameters}, set()
     for pattern, said in options.single.items():
         for name in matching(parameters, pattern):
-            index = next(index for index, parameter in enumerate(parameters) if parameter.name == name)
-            old = parameters[index]
-            parameters[index] = replace(
-                old, mean=old.mean if said.mean is None else said.mean, sigma=old.sigma if said.sigma is None else said.sigma
-            )
+            old = named[name]
+            mean, sigma = (old.mean if said.mean is None else said.mean), (old.sigma if said.sigma is None else said.sigma)
+            named[name] = replace(old, mean=mean, sigma=sigma)
             fixed |= {name} if said.fixed else set()
     for pattern in options.fix:
         fixed |= matching(parameters, pattern)
     if options.only:
-        fixed |= {parameter.name for parameter in parameters} - set().union(*(matching(parameters, pattern) for pattern in options.only))
-    held = {parameter.name: parameter.mean for parameter in parameters if parameter.name in fixed and parameter.mean}
-    kept = tuple(parameter for parameter in parameters if parameter.name not in fixed)
-    if not kept:
-        raise UsageError("nothing is left to estimate: every parameter is fixed")
-    return replace(errors, parameters=kept, held=held)
+        fixed |= set(named) - set().union(*(matching(parameters, pattern) for pattern in options.only))
+    return list(named.values()), fixed
 
 
 def _check_joints(chain: Chain, per_joint: Mapping[str, str]) -> None:

@@ -71,7 +71,7 @@ class Hypothesis:
 def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
     """The mistake that explains the data many times better than none does, if there is one.
 
-    Meant for data that `start` finds implausible; on others it gives None after one quick fit.
+    Meant for data that `find_start` finds implausible; on others it gives None after one quick fit.
 
     Args:
         model: Beams and spots, with the error model that is to be fitted.

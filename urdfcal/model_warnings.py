@@ -17,6 +17,12 @@ def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> t
     """What the chosen error model cannot follow on this robot."""
     if options.error_model == "dh":
         return (*_mount_warning(robot), *_parallel_warning(robot))
+    first = robot.chain.steps[0]
+    if first.joint.moves and not first.forward:
+        return (
+            f"the screen '{robot.rig.screen}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
+            "hang it on a fixed joint",
+        )
     missing = missing_screen_parameters(robot.chain, robot.rig, errors) if options.error_model == "auto" else ()
     if not missing:
         return ()

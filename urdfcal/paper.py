@@ -17,6 +17,7 @@ import numpy as np
 
 from urdfcal.calibration import fit
 from urdfcal.error_model import FLAT, ErrorModel, PriorScale
+from urdfcal.errors import UsageError
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements, measurements_from
@@ -101,6 +102,8 @@ def paper_tables(robot: Robot, runs: int = 10, seed: int = 0, progress: Callable
     Returns:
         The lines of Table II, then those of Table III for both protocols.
     """
+    if len(robot.rig.lasers) != 2:
+        raise UsageError(f"the paper's rig has two lasers, '{robot.name}' has {len(robot.rig.lasers)}")
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="dh"))
     truth = paper_truth(errors)
     gathered: dict[tuple[str, str, int, str], list[tuple[Matrix, Matrix | None]]] = {}

@@ -108,8 +108,12 @@ def _pinocchio_model(description: Description) -> Any:
 def _native_stderr() -> Iterator[list[str]]:
     """Collect what the C++ URDF reader prints straight to file descriptor 2; its words become our message."""
     said = [""]
+    try:
+        saved = os.dup(2)
+    except OSError:  # there is no stderr to keep clean
+        yield said
+        return
     sys.stderr.flush()
-    saved = os.dup(2)
     with tempfile.TemporaryFile() as sink:
         os.dup2(sink.fileno(), 2)
         try:

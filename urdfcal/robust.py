@@ -81,7 +81,7 @@ def reweighted(linearise: Linearise, prior: Belief, noise: Noise, *, loss: Loss 
     for _ in range(_ROUNDS):
         here = linearise(x)
         if not here.usable:
-            return replace(estimate, stop=here.trouble, history=history or estimate.history)
+            return replace(estimate, stop=here.trouble, history=history or [Sweep(x, np.nan, here.rms)])
         scaled = _rescaled(noise, here)
         weights = _weights(squared_distances(here, scaled), loss)
         estimate = iterated_schedule(

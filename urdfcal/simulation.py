@@ -182,6 +182,6 @@ def noise_from(spot_mm: float, joint_deg: float, distribution: str, readings: in
     """
     if distribution not in ("gaussian", "uniform"):
         raise UsageError(f"no noise distribution '{distribution}'; there are: gaussian, uniform")
-    if spot_mm < 0 or joint_deg < 0 or readings < 1:
-        raise UsageError("noise cannot be negative, and at least one reading is taken")
+    if not (0 <= spot_mm < np.inf and 0 <= joint_deg < np.inf) or readings < 1:
+        raise UsageError("noise must be finite and not negative, and at least one reading is taken")
     return SimulatedNoise(spot_mm * MM, joint_deg * DEG, "uniform" if distribution == "uniform" else "gaussian", readings)

@@ -21,6 +21,7 @@ Kind = Literal["joint", "mount", "screen", "beam"]
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
+_COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
 BEAMS = ("rot_x", "rot_y")
 BEAMS4 = ("trans_x", "trans_y", "rot_x", "rot_y")
 
@@ -89,15 +90,18 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     slots: list[Slot] = [_screen_slot(chain, rig)]
     for step in chain.moving:
         slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
-    names, screws = (PAPER_MOUNT, _paper_mount(chain)) if model == "dh" else (SIX, six_screws())
+    names, screws = (PAPER_MOUNT, _paper_mount(chain, rows)) if model == "dh" else (SIX, six_screws())
     slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
     return tuple(slots)
 
 
-def _paper_mount(chain: Chain) -> Matrix:
-    """The paper's five, (6, 5): translations along x and z of the last joint's frame as in (2), rotations its own."""
-    module = chain.T_last_module
-    along = [translation_screw(module.rotation.T @ direction) for direction in (X, Z)]
+def _paper_mount(chain: Chain, rows: _AxisTables) -> Matrix:
+    """The paper's five, (6, 5): translations along x and z of the last joint's D-H frame as in (2), rotations the module's own."""
+    module = rows.dh.get(chain.steps[-1].joint.child) if chain.steps[-1].forward else None
+    if module is None:  # the lasers stand still: the frame behind the last joint is as good as any
+        along = [translation_screw(chain.T_last_module.rotation.T @ direction) for direction in (X, Z)]
+    else:
+        along = [module.screws["d_a"], module.screws["d_d"]]
     return np.column_stack([*along, six_screws()[:, 3:]])
 
 
@@ -137,8 +141,8 @@ def _dh(joint: UrdfJoint, model: str, rows: _AxisTables) -> dict[str, Vector]:
     if joint.prismatic:
         return _slide(joint)
     row = (rows.dh if model == "dh" else rows.hayati)[joint.name]
-    left_out = {"d_d"} if _tilts(row, model) else {"d_beta"}
-    return {name: screw for name, screw in row.screws.items() if name not in left_out or _completes(row, model)}
+    regular = ("d_a", "d_alpha", "d_beta", "d_theta") if _tilts(row, model) else ("d_a", "d_d", "d_alpha", "d_theta")
+    return {name: screw for name, screw in row.screws.items() if name in regular or name in _spare_names(row, model)}
 
 
 def _tilts(row: DhRow, model: str) -> bool:
@@ -146,18 +150,16 @@ def _tilts(row: DhRow, model: str) -> bool:
     return model != "dh" and row.parallel
 
 
-def _completes(row: DhRow, model: str) -> bool:
-    """Whether the automatic model offers all five: a slide has no angle about itself, so the joint behind it may need its share."""
-    return model == "auto" and row.behind_slide
+def _spare_names(row: DhRow, model: str) -> tuple[str, ...]:
+    """What the automatic model offers last: a slide has no angle about itself, and coincident axes no normal to turn."""
+    if model != "auto":
+        return ()
+    behind_slide = (("d_d",) if row.parallel else ("d_beta",)) if row.behind_slide else ()
+    return behind_slide + (("d_b",) if row.parallel and abs(row.a) < _COINCIDENT else ())
 
 
 def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
-    if model != "auto" or joint.prismatic:
-        return ()
-    row = rows.hayati[joint.name]
-    if not _completes(row, model):
-        return ()
-    return ("d_d",) if _tilts(row, model) else ("d_beta",)
+    return () if joint.prismatic else _spare_names(rows.hayati[joint.name], model)
 
 
 def _slide(joint: UrdfJoint) -> dict[str, Vector]:

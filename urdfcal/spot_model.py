@@ -80,9 +80,6 @@ class SpotModel:
 
 def _other_lasers_rows(errors: ErrorModel) -> Mask | None:
     """Mask (numbers, p) of the derivatives that are zero because a beam's own parameters move that beam alone."""
-    owner = np.array(errors.beam_lasers)
-    if (owner < 0).all():
-        return None
-    laser_of_row = np.repeat(np.arange(len(errors.chain.laser_joints)), 2)
-    mask: Mask = (owner >= 0) & (owner != laser_of_row[:, None])
-    return mask
+    moves = np.repeat(errors.moves_laser, 2, axis=0)
+    mask: Mask = ~moves
+    return None if moves.all() else mask

@@ -24,7 +24,7 @@ from urdfcal.spot_model import SpotModel
 Columns = npt.NDArray[np.intp]
 
 _ROUGH = PriorScale(500 * MM, 30 * DEG)  # how roughly a rig may be placed
-_EXPLAINED = 0.5  # share of what the priors allow that the nominal residual may have
+_EXPLAINED = 0.7  # share of what the priors allow that the nominal residual may have
 _PLAUSIBLE, _NOISES = 5 * MM, 5.0  # what may be left over: this, or so many times the spot noise
 _BETTER = 0.2  # a rig that is elsewhere must leave less than this share of what was left before
 _FAR = 4.0  # [sigmas] beyond this a rig is not where its prior has it
@@ -53,7 +53,7 @@ class Start:
     plausible: bool = True
 
 
-def start(model: SpotModel, noise: Noise) -> Start:
+def find_start(model: SpotModel, noise: Noise) -> Start:
     """Find a state from which the iterated fit converges.
 
     Args:

@@ -25,7 +25,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.noise import START_SPOT_SIGMA, Noise
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import rig_columns, start
+from urdfcal.start import find_start, rig_columns
 
 Array = npt.NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def run(robot: urdfcal.Robot, errors: ErrorModel, arguments: argparse.Namespace,
         return None  # the beams of this robot hardly ever meet this screen
     noise = Noise(START_SPOT_SIGMA, np.zeros(len(robot.chain.inputs)), stated=False)
     times = [time.perf_counter()]
-    begun = start(model, noise)
+    begun = find_start(model, noise)
     times.append(time.perf_counter())
     found = fitted(model, begun.errors, noise, begun.x)
     times.append(time.perf_counter())

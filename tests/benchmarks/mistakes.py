@@ -26,7 +26,7 @@ from urdfcal.hypotheses import best_hypothesis
 from urdfcal.noise import START_SPOT_SIGMA, Noise
 from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import start
+from urdfcal.start import find_start
 
 Array = npt.NDArray[np.float64]
 Data = urdfcal.Measurements
@@ -52,7 +52,7 @@ def checked(errors: ErrorModel, data: Data) -> tuple[str, float, float]:
     model = SpotModel(errors, data)
     noise = Noise(START_SPOT_SIGMA, np.zeros(len(data.joints)), stated=False)
     at = time.perf_counter()
-    begun = start(model, noise)
+    begun = find_start(model, noise)
     middle = time.perf_counter()
     if begun.plausible:
         return begun.message and f"start: {begun.message}", middle - at, 0.0
