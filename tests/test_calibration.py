@@ -220,7 +220,7 @@ def test_a_beam_that_misses_in_the_nominal_robot_is_named(robots: dict[str, Robo
     _, _, data = papers_case(robots["arm7"], rng)
     q = data.q.copy()
     q[4, 0] += np.pi
-    with pytest.raises(FitRejected, match=r"pose 5: laser_1 was seen, but in the nominal robot its beam does not meet the screen"):
+    with pytest.raises(FitRejected, match=r"pose 5: laser_1 was seen, but in the model its beam does not meet the screen"):
         fit(robots["arm7"], replace(data, q=q))
 
 

@@ -20,6 +20,7 @@ from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult, SpotTable, spot_table
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Vector
+from urdfcal.hypotheses import best_hypothesis
 from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
 from urdfcal.method import CleanFit, Method, fit_without_outliers
@@ -30,7 +31,10 @@ from urdfcal.robot import Robot
 from urdfcal.robust import robust_scale, squared_distances
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
+from urdfcal.start import Start, find_start
 from urdfcal.urdf_writer import with_origins
+
+_NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ def fit(
     r: float = 1e-4,
     gated: bool = True,
     evidence: bool = False,
+    sane: bool = True,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
 ) -> Calibration:
@@ -113,6 +118,7 @@ def fit(
         gated: Take out spots that the fit cannot explain, exchange beams that were read for each other, and refit (not for `robust`
             and the `paper` schedule).
         evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence (EKF, at least 20 poses).
+        sane: Refuse measurements that a common mistake explains far better (swapped lasers, degrees as radians, a sign flipped ...).
         rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
 
@@ -128,11 +134,16 @@ def fit(
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
     stated = spot_sigma is not None or _all_stated(fit_set)
     noise = Noise(spot_sigma or _typical_sigma(fit_set), joint_sigmas(robot, joint_sigma), stated)
-    prior = Belief(errors.mean, np.diag(errors.sigma**2))
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
+    prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(errors.mean, errors)
     found = method.run(model, prior, noise)
+    if not (method.label == "ekf, paper" or _explains(model, found, noise)):
+        begun = _begin(model, noise, sane)
+        errors, method = begun.errors, replace(method, start=begun.x)
+        model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
+        found = method.run(model, prior, noise)
     if len(found.history) == 1:
-        _require_beams_on_screen(model, errors.mean)
+        _require_beams_on_screen(model, begun.x)
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
     chosen: Evidence | None = None
@@ -158,7 +169,13 @@ def fit(
         test_data=None,
         estimator=method.label,
         error_model=options.error_model,
-        warnings=(*data.warnings, *model_warnings(robot, errors, options), *_few_spots(noise, freedom), *_few_poses(evidence, fit_set)),
+        warnings=(
+            *data.warnings,
+            *model_warnings(robot, errors, options),
+            *((begun.message,) if begun.message else ()),
+            *_few_spots(noise, freedom),
+            *_few_poses(evidence, fit_set),
+        ),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
 
@@ -210,6 +227,27 @@ def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
         f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
         f"{noise.spot_sigma / MM:g} mm is assumed; measure more poses or state it with --spot-sigma-mm",
     )
+
+
+def _explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
+    """Whether a fit from the prior put most spots where they were seen, so that neither the start nor the data need a second look."""
+    distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
+    near = max(_NEAR, 3 * noise.spot_sigma if noise.stated else 0.0)
+    return found.converged and bool(np.nanmedian(distance) < near)
+
+
+def _begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
+    """Where to begin when the prior is too far off: where the rig is found to be; data with a common mistake in them are refused.
+
+    Raises:
+        FitRejected: names the mistake.
+    """
+    begun = find_start(model, noise)
+    if sane and not begun.plausible:
+        mistake = best_hypothesis(model, noise)
+        if mistake is not None:
+            raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
+    return begun
 
 
 def _few_poses(evidence: bool, data: Measurements) -> tuple[str, ...]:
@@ -288,7 +326,7 @@ def _require_beams_on_screen(model: SpotModel, x: Vector) -> None:
     if missing is not None:
         pose, laser = missing
         raise FitRejected(
-            f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the nominal robot its beam does not meet the screen; "
+            f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the model its beam does not meet the screen; "
             "check the mount of the module, the screen's placement and the joints' units and signs",
             forceable=False,
         )

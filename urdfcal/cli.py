@@ -130,6 +130,7 @@ def fit(
     q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
     r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
     gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
+    sanity: Annotated[bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.")] = True,
     test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
     holdout: Annotated[
         float | None,
@@ -202,6 +203,7 @@ def fit(
         "r": r,
         "gated": gate,
         "evidence": _chosen(prior),
+        "sane": sanity,
     }
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done

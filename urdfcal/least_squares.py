@@ -15,7 +15,13 @@ _ROUNDS = 20
 
 
 def levenberg_marquardt(
-    linearise: Linearise, prior: Belief, noise: Noise, *, tolerance: float = 1e-12, max_sweeps: int | None = None
+    linearise: Linearise,
+    prior: Belief,
+    noise: Noise,
+    *,
+    start: Vector | None = None,
+    tolerance: float = 1e-12,
+    max_sweeps: int | None = None,
 ) -> Estimate:
     """The maximum a posteriori estimate by Levenberg-Marquardt.
 
@@ -25,12 +31,13 @@ def levenberg_marquardt(
         linearise: Residual and Jacobian of the whole set at a state.
         prior: Before the data.
         noise: Of the measurements.
+        start: Where to begin; the prior mean if None.
         tolerance: SciPy's ftol, xtol and gtol.
         max_sweeps: How many residuals SciPy may ask for.
     """
     from scipy.optimize import least_squares
 
-    scale, x = np.sqrt(np.diag(prior.P)), prior.x
+    scale, x = np.sqrt(np.diag(prior.P)), prior.x if start is None else start
     history = [Sweep(x, np.nan, linearise(x).rms)]
     for _ in range(_ROUNDS):
         here = linearise(x)

@@ -33,6 +33,7 @@ class Method:
         r: R = r I of the `paper` schedule.
         gated: Whether outliers are taken out.
         rng: For `evolution`.
+        start: Where to begin, (p,); the prior mean if None.
     """
 
     estimator: str = "ekf"
@@ -43,6 +44,7 @@ class Method:
     r: float = 1e-4
     gated: bool = True
     rng: np.random.Generator | None = None
+    start: Vector | None = None
 
     def __post_init__(self) -> None:
         if self.estimator not in ESTIMATORS:
@@ -69,7 +71,7 @@ class Method:
     def run(self, model: SpotModel, prior: Belief, noise: Noise) -> Estimate:
         """Fit one set of data."""
         if self.estimator == "robust":
-            return reweighted(model.linearise, prior, noise)
+            return reweighted(model.linearise, prior, noise, start=self.start)
         if self.estimator == "evolution":
             from urdfcal.evolution import differential_evolution
 
@@ -77,11 +79,11 @@ class Method:
         if self.estimator == "lse":
             from urdfcal.least_squares import levenberg_marquardt
 
-            return levenberg_marquardt(model.linearise, prior, noise, **self.limits())
+            return levenberg_marquardt(model.linearise, prior, noise, start=self.start, **self.limits())
         if self.schedule == "paper":
             swept = paper_schedule(model.linearise, prior, noise, q=self.q, r=self.r, **self.limits())
             return with_honest_covariance(model, swept, prior, noise)
-        return iterated_schedule(model.linearise, prior, noise, **self.limits())
+        return iterated_schedule(model.linearise, prior, noise, start=self.start, **self.limits())
 
 
 def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noise: Noise) -> Estimate:
@@ -124,14 +126,14 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
         noise: As stated, or where to start.
         first: Fit of all the data.
     """
-    clean, kept = gate(model.linearise, prior, noise, first, **method.limits())
+    clean, kept = gate(model.linearise, prior, noise, first, begin=method.start, **method.limits())
     if kept is None:
         return CleanFit(model, first)
     mended, swaps = _unswapped(model, clean)
     if swaps:
         model = SpotModel(model.errors, mended, model.joints)
         first = method.run(model, prior, noise)
-        clean, kept = gate(model.linearise, prior, noise, first, **method.limits())
+        clean, kept = gate(model.linearise, prior, noise, first, begin=method.start, **method.limits())
     if kept is None:
         return CleanFit(model, first, swaps)
     data = replace(model.data, spots=np.where(kept[..., None], model.data.spots, np.nan))

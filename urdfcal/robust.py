@@ -133,7 +133,9 @@ def without(here: Linearisation, kept: Mask) -> Linearisation:
     )
 
 
-def gate(linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, **schedule: Any) -> tuple[Estimate, Mask | None]:
+def gate(
+    linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
+) -> tuple[Estimate, Mask | None]:
     """Take out spots that the fit cannot explain, refit, and let back in what then fits.
 
     A spot is out when its squared Mahalanobis distance (its share of the NIS) is beyond what chance gives any spot of a clean set of
@@ -145,6 +147,7 @@ def gate(linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, **s
         prior: Before the data.
         noise: As stated, or where to start.
         first: Fit of all spots.
+        begin: Where the robust fit begins; the prior mean if None.
         schedule: Passed on to the iterated schedule.
 
     Returns:
@@ -153,7 +156,7 @@ def gate(linearise: Linearise, prior: Belief, noise: Noise, first: Estimate, **s
     here = linearise(first.belief.x)
     if not here.usable or (first.converged and _inside(here, first.noise)[here.measured[:, ::2]].all()):
         return first, None
-    estimate = reweighted(linearise, prior, noise)
+    estimate = reweighted(linearise, prior, noise, start=begin)
     kept = np.empty(0, dtype=bool)
     for _ in range(_GATE_ROUNDS):
         here = linearise(estimate.belief.x)
