@@ -150,13 +150,13 @@ def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
     _, n, width = frames.shape
     flat, pick = frames.reshape(3 * n, width), np.arange(screws.shape[1])
 
-    def rows(frame_columns: int | slice, values: Matrix | float) -> Array3:
+    def turned(vectors: Matrix) -> Array3:
         basis = np.zeros((width // 4, 4, len(pick)))
-        basis[anchors, frame_columns, pick] = values
+        basis[anchors, :3, pick] = vectors.T
         return (flat @ basis.reshape(width, -1)).reshape(3, n, -1)
 
     twists = np.empty((6, n, len(pick)))
-    twists[:3], w, p = rows(slice(0, 3), screws[:3].T), rows(slice(0, 3), screws[3:].T), rows(3, 1.0)
+    twists[:3], w, p = turned(screws[:3]), turned(screws[3:]), frames[:, :, 4 * np.asarray(anchors) + 3]
     for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
         twists[axis] += p[i] * w[j]
         twists[axis] -= p[j] * w[i]

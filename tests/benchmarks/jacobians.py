@@ -116,7 +116,7 @@ def worst(robot: urdfcal.Robot, model: str, scale: float, count: int, rng: np.ra
     witness, motion = Witness(robot, errors, q), laser_motion(ArmKinematics(robot.chain), errors, q, x)
     spots, _ = spots_on_screen(motion.source, motion.direction)
     blank = urdfcal.measurements_from(robot, q, spots)
-    directions, of_module = np.eye(len(x)), np.array(errors.beam_lasers) < 0
+    directions, of_module = np.eye(len(x)), errors.moves_laser.all(axis=0)
     jac1 = np.stack([witness.spatial_twists(x, direction) for direction in directions[of_module]], axis=-1)
     jac2 = np.stack([derivative(lambda step, one=one: twisted_spots(motion, step * one)) for one in np.eye(6)], axis=-1)
     J = np.stack([derivative(lambda step, one=one: witness.spots(x + step * one)) for one in directions], axis=-1)
