@@ -314,3 +314,12 @@ def test_too_few_spots_are_said(robots: dict[str, Robot], rng: np.random.Generat
     found = fit(robot, data)
     assert found.estimate.noise.spot_sigma == 1e-3
     assert any("too few spots to estimate their noise" in line for line in found.warnings)
+
+
+def test_stated_noise_that_is_wrong_by_two_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Noise stated at half or twice what it is brings a warning every time, the right one none."""
+    for _ in range(5):
+        _, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
+        for stated, wrong in ((0.5e-3, True), (1e-3, False), (2e-3, True)):
+            found = fit(robots["arm7"], data, error_model="dh", spot_sigma=stated)
+            assert any("than the stated noise" in line or "the stated noise explains" in line for line in found.warnings) == wrong

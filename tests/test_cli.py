@@ -169,3 +169,13 @@ def test_a_closed_pipe_is_no_traceback() -> None:
     words = f"'{sys.executable}' -m urdfcal.cli dh '{ARM7}' | true"
     done = subprocess.run(["bash", "-c", words], capture_output=True, text=True, check=False)
     assert "Traceback" not in done.stderr
+
+
+def test_evaluate_says_which_beams_miss(run_cli: Run, tmp_path: Path) -> None:
+    """A beam that was seen and points away from the screen in this robot is warned of with file and line."""
+    lines = MEASUREMENTS.read_text().splitlines()
+    cells = lines[4].split(",")
+    cells[1] = str(float(cells[1]) - 3.0)
+    (tmp_path / "away.csv").write_text("\n".join([*lines[:4], ",".join(cells), *lines[5:]]))
+    done = run_cli("evaluate", ARM7, "away.csv")
+    assert "away.csv:5: laser_1 was seen, but in this robot its beam points away from the screen" in done.err

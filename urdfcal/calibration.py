@@ -34,6 +34,7 @@ from urdfcal.spot_model import SpotModel
 from urdfcal.start import Start, find_start
 from urdfcal.urdf_writer import with_origins
 
+_CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
@@ -174,6 +175,7 @@ def fit(
             *model_warnings(robot, errors, options),
             *((begun.message,) if begun.message else ()),
             *_few_spots(noise, freedom),
+            *_disagreement(found.noise, _misfit(method, found.noise, here, freedom), freedom),
             *_few_poses(evidence, fit_set),
         ),
     )
@@ -182,8 +184,25 @@ def fit(
 
 def evaluate(robot: Robot, data: Measurements) -> SpotTable:
     """Spot distances of a robot as its URDF has it."""
-    errors = ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",))
-    return spot_table(data, SpotModel(errors, data).predict(np.empty(0))[0])
+    return spot_table(data, _nominal(robot, data).predict(np.empty(0))[0])
+
+
+def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
+    _, length = _nominal(robot, data).predict(np.empty(0))
+    with np.errstate(invalid="ignore"):
+        lost = data.seen & ~((length > 0) & np.isfinite(length))
+    if not lost.any():
+        return ()
+    pose, laser = np.argwhere(lost)[0]
+    return (
+        f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
+        f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
+    )
+
+
+def _nominal(robot: Robot, data: Measurements) -> SpotModel:
+    return SpotModel(ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",)), data)
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
@@ -217,6 +236,17 @@ def laid_over(
         fix=(*options.fix, *fix),
         only=(*options.only, *only),
         priors={**options.priors, **(priors or {})},
+    )
+
+
+def _disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
+    """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
+    if not noise.stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
+        return ()
+    times = np.sqrt(misfit)
+    return (
+        f"the spots scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
+        f"{'the sigmas are too small' if times > 1 else 'the sigmas are too large'}; leave the noise out to have it estimated",
     )
 
 

@@ -244,6 +244,7 @@ def evaluate(
     verbose: Verbose = False,
 ) -> None:
     """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
+    from urdfcal.calibration import beams_that_miss
     from urdfcal.calibration import evaluate as run_evaluate
     from urdfcal.measurements import read_measurements
     from urdfcal.report import spot_table_block, table_json
@@ -251,7 +252,7 @@ def evaluate(
     arm = _robot(robot, xacro_arg, package_dir, screen, laser)
     _say(verbose, _about(arm))
     data = read_measurements(measurements, arm)
-    _warn(data.warnings, quiet)
+    _warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
     fit_set, test_set = data.split()
     tables = {name: run_evaluate(arm, rows) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
     whole = run_evaluate(arm, data)

@@ -37,7 +37,7 @@ def screen_pictures(residuals: Sequence[SpotResiduals], suspects: Sequence[Suspe
 
 def _screen_picture(phase: str, distance_mm: Matrix, screen: _Screen) -> Picture:
     scale = "at true scale" if screen.factor == 1 else f"magnified {screen.factor:g} times"
-    caption = f"Marks are measured spots, seen from in front of the screen (+x); arrows, {scale}, point to where the robot model puts them."
+    caption = f"Marks are measured spots, seen from the screen's +x side; arrows, {scale}, point to where the robot model puts them."
     rows = _thinned(distance_mm)
     if any(len(kept) == _MOST_ARROWS for kept in rows):
         caption += f" Of many spots, the worst {_MOST_WORST} and others of every size are drawn."
