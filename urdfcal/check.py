@@ -19,7 +19,7 @@ from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
 from urdfcal.robot import Robot
-from urdfcal.sensors import spot_jacobian, spots_on_screen
+from urdfcal.sensors import makes_spot, spot_jacobian, spots_on_screen
 from urdfcal.simulation import joint_limits
 from urdfcal.spot_model import SpotModel
 
@@ -28,7 +28,6 @@ _MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # anoth
 _ELSEWHERE = "tried elsewhere"
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 _REACH = 3.0  # [m] longest beam of a pose that is suggested
-_LEAST_ZX = 0.3
 
 
 @dataclass(frozen=True)
@@ -187,9 +186,7 @@ def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
     arm = ArmKinematics(errors.chain)
     motion = motion_at(arm, errors.placements(errors.mean, errors.sessions[0]).still(), arm.chain_positions(q))
     _, length = spots_on_screen(motion.source, motion.direction)
-    with np.errstate(invalid="ignore"):
-        hits = ((length > 0) & (length < _REACH) & (np.abs(motion.direction[..., 0]) > _LEAST_ZX)).all(axis=1)
-    return np.asarray(hits)
+    return np.asarray(makes_spot(length, motion.direction, farthest=_REACH).all(axis=1))
 
 
 def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: Noise) -> Iterator[tuple[str, Matrix]]:
@@ -203,7 +200,7 @@ def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: No
         turned = own * pin.SE3(pin.exp3(X * angle), np.zeros(3))
         motion = motion_at(arm, replace(placed, lasers=[turned]), arm.chain_positions(data.q))
         spots, length = spots_on_screen(motion.source, motion.direction)
-        hits = (length > 0) & (length < _REACH) & (np.abs(motion.direction[..., 0]) > _LEAST_ZX)
+        hits = makes_spot(length, motion.direction, farthest=_REACH)
         if hits.mean() > 0.5:
             J = (spot_jacobian(spots, motion.direction)[:, 0] @ motion.jac1)[hits[:, 0]]
             yield (

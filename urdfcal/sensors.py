@@ -6,8 +6,11 @@ A laser leaves its source p along z and meets the screen x = 0 at distance k = -
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.geometry import Array3, Array4, Matrix
+
+LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 
 
 def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
@@ -24,6 +27,22 @@ def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
     with np.errstate(divide="ignore", invalid="ignore"):
         length = -source[..., 0] / direction[..., 0]
         return source[..., 1:] + length[..., None] * direction[..., 1:], length
+
+
+def makes_spot(length: Matrix, direction: Array3, nearest: float = 0.0, farthest: float = np.inf) -> npt.NDArray[np.bool_]:
+    """Which beams make a spot that can be measured: they meet the screen, at no grazing angle, within a range of lengths.
+
+    Args:
+        length: Beam lengths k, (n, lasers), [m].
+        direction: (n, lasers, 3) unit vectors in screen axes.
+        nearest: Least length, [m].
+        farthest: Greatest length, [m].
+
+    Returns:
+        (n, lasers).
+    """
+    with np.errstate(invalid="ignore"):
+        return (length > nearest) & (length < farthest) & (np.abs(direction[..., 0]) > LEAST_ZX)
 
 
 def spot_jacobian(spots: Array3, direction: Array3) -> Array4:

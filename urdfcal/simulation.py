@@ -15,13 +15,12 @@ from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.robot import Robot
-from urdfcal.sensors import spots_on_screen
+from urdfcal.sensors import makes_spot, spots_on_screen
 from urdfcal.spot_model import SpotModel
 
 Distribution = Literal["gaussian", "uniform"]
 _BATCH, _MOST_DRAWS, _LEAST_SHARE = 4096, 500_000, 0.005
 _FREE_TURN = np.pi  # how far a continuous joint is turned either way
-_LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 _LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
 
 
@@ -142,10 +141,8 @@ def joint_limits(robot: Robot) -> Matrix:
 
 def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Mask:
     spots, length = spots_on_screen(source, direction)
-    with np.errstate(invalid="ignore"):
-        inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1)
-    hits: Mask = (inside & (length > _LEAST_LENGTH) & (np.abs(direction[..., 0]) > _LEAST_ZX)).all(axis=1)
-    return hits
+    inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1)
+    return np.asarray((inside & makes_spot(length, direction, nearest=_LEAST_LENGTH)).all(axis=1))
 
 
 def simulate(
