@@ -160,3 +160,10 @@ def test_a_single_session_may_have_a_name(robots: dict[str, Robot]) -> None:
     for name in ("arm7", "panda"):
         robot = robots[name]
         assert build_error_model(robot.chain, robot.rig, None, ("A",)).names == build_error_model(robot.chain, robot.rig).names
+
+
+def test_a_colon_in_a_name_is_no_session(robots: dict[str, Robot], tmp_path: Path) -> None:
+    """Joints whose names hold a colon fall under the gauge rule like any others."""
+    path = tmp_path / "colon.urdf"
+    path.write_bytes(robots["ur5"].description.text.replace(b"shoulder_pan_joint", b"left:pan"))
+    assert structural_rank(load_robot(path), ModelOptions()) == (30, 30)

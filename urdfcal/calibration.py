@@ -130,6 +130,8 @@ def fit(
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     _check(robot, data, spot_sigma)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
+    if evidence:
+        _check_evidence(method, options)
     fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
@@ -148,13 +150,12 @@ def fit(
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
     chosen: Evidence | None = None
-    if evidence and method.label != "ekf, iterated":
-        raise UsageError(f"priors are chosen by evidence for the iterated ekf alone, not for {method.label}")
     if evidence:
         errors, found, chosen = _by_evidence(model, errors, noise, found, options)
     here = model.linearise(found.belief.x)
     seen = identify(errors.names, found.belief.x, found.belief.P, errors.sigma)
     freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
+    misfit = _misfit(method, found.noise, here, freedom)
     calibration = Calibration(
         robot=robot,
         errors=errors,
@@ -165,7 +166,7 @@ def fit(
         evidence=chosen,
         after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
         test=None,
-        chi_squared=_misfit(method, found.noise, here, freedom),
+        chi_squared=misfit,
         data=fit_set,
         test_data=None,
         estimator=method.label,
@@ -175,7 +176,7 @@ def fit(
             *model_warnings(robot, errors, options),
             *((begun.message,) if begun.message else ()),
             *_few_spots(noise, freedom),
-            *_disagreement(found.noise, _misfit(method, found.noise, here, freedom), freedom),
+            *_disagreement(found.noise, misfit, freedom),
             *_few_poses(evidence, fit_set),
         ),
     )
@@ -290,12 +291,17 @@ def _by_evidence(
     model: SpotModel, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
 ) -> tuple[ErrorModel, Estimate, Evidence | None]:
     """Refit with the joints' prior scales chosen by evidence; priors that were stated stay."""
-    if "joint" in options.priors:
-        raise UsageError("the joints' priors are stated, and are to be chosen by evidence; use one of the two")
     if len(model.data) < LEAST_POSES or not found.converged:
         return errors, found, None
     stated = [name for pattern, said in options.single.items() if said.sigma is not None for name in matching(errors.parameters, pattern)]
     return by_evidence(model.linearise, errors, noise, found, stated)
+
+
+def _check_evidence(method: Method, options: ModelOptions) -> None:
+    if method.label != "ekf, iterated":
+        raise UsageError(f"priors are chosen by evidence for the iterated ekf alone, not for {method.label}")
+    if "joint" in options.priors:
+        raise UsageError("the joints' priors are stated, and are to be chosen by evidence; use one of the two")
 
 
 def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:

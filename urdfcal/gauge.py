@@ -144,7 +144,8 @@ def _gauge(chain: Chain, slots: tuple[Slot, ...], free: list[Parameter], options
     automatic = options.error_model == "auto"
     if not automatic and chain.screen_joint is not None:
         return free, {}
-    offered = [parameter for parameter in free if parameter.kind != "beam" and ":" not in parameter.name.rsplit(".", 1)[0]]
+    own = {f"{slot.label}.{name}" for slot in slots if slot.kind != "beam" for name in slot.names}
+    offered = [parameter for parameter in free if parameter.name in own]
     errors = ErrorModel(chain, slots, tuple(offered))
     spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
     order = sorted(
