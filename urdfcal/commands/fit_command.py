@@ -1,0 +1,188 @@
+"""`urdfcal fit`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from urdfcal.commands.console import say, show, warn
+from urdfcal.commands.inputs import (
+    about,
+    by_the_data,
+    expanded_note,
+    joint_noise,
+    listed,
+    load,
+    positive,
+    priors_of,
+    require_places,
+    rig_file_of,
+    spot_noise,
+    stem_of,
+)
+from urdfcal.commands.options import (
+    DataFile,
+    Estimate,
+    Fix,
+    JointSigma,
+    Json,
+    Lasers,
+    Model,
+    Only,
+    PackageDirs,
+    PriorBeams,
+    PriorJoint,
+    PriorMount,
+    PriorScreen,
+    Quiet,
+    RigOption,
+    RobotFile,
+    Screen,
+    Seed,
+    Verbose,
+    XacroArgs,
+)
+from urdfcal.errors import FitRejected
+
+if TYPE_CHECKING:
+    pass
+
+
+def fit(
+    robot: RobotFile,
+    measurements: DataFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="URDF", help="Calibrated URDF. Default: <stem>_calibrated.urdf here.", show_default=False),
+    ] = None,
+    rig: RigOption = None,
+    error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
+    estimator: Annotated[str, typer.Option(help="ekf, lse (Levenberg-Marquardt), robust (Student's t) or evolution.")] = "ekf",
+    schedule: Annotated[str, typer.Option(help="Of the EKF: iterated (maximum a posteriori) or paper (sweeps with Q and R).")] = "iterated",
+    spot_sigma_mm: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
+    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior: Annotated[
+        str, typer.Option(help="stated: the priors below; auto: the data choose the joints' prior scales (at least 20 poses).")
+    ] = "stated",
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False),
+    ] = None,
+    max_sweeps: Annotated[
+        int | None, typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False)
+    ] = None,
+    q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
+    r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
+    gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
+    sanity: Annotated[bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.")] = True,
+    test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
+    holdout: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Share of the poses, drawn at random, to test and not to fit, e.g. 0.3.", show_default=False),
+    ] = None,
+    kfold: Annotated[
+        int | None, typer.Option(min=2, metavar="N", help="Also fit N times with an Nth of the poses held out in turn.", show_default=False)
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Predict how far off this link still is, over the workspace.", show_default=False)
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json.", show_default=False)
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Calibrate: write a corrected URDF and <stem>_calibration.yaml next to it, print the before/after table."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from urdfcal.calibration import fit as run_fit
+    from urdfcal.calibration import laid_over
+    from urdfcal.extras import Extras, workspace_accuracy
+    from urdfcal.files import write_together
+    from urdfcal.measurements import read_measurements
+    from urdfcal.prediction import base_link
+    from urdfcal.report import calibration_blocks, calibration_json
+    from urdfcal.report_files import report_bytes, require_report_ending
+    from urdfcal.validation import coverage_warnings
+    from urdfcal.validation import holdout as hold_out
+    from urdfcal.validation import kfold as cross_validate
+
+    rig_file = rig_file_of(rig)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    urdf = output or Path(f"{arm.description.stem}_calibrated.urdf")
+    record = urdf.parent / f"{stem_of(urdf)}_calibration.yaml"
+    if report is not None:
+        require_report_ending(report)
+    require_places(urdf, record, *([report] if report else []), inputs=(robot, measurements, rig, test))
+    data = read_measurements(measurements, arm)
+    further = read_measurements(test, arm) if test else None
+    if holdout is not None:
+        data = hold_out(data, holdout, np.random.default_rng(seed))
+    options = laid_over(
+        rig_file.options(),
+        error_model,
+        estimate or (),
+        fix or (),
+        only or (),
+        priors_of(prior_joint, prior_mount, prior_screen, prior_beams),
+    )
+    how: dict[str, Any] = {
+        "estimator": estimator,
+        "schedule": schedule,
+        "options": options,
+        "spot_sigma": spot_noise(rig_file, spot_sigma_mm),
+        "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
+        "tolerance": positive("--tolerance", tolerance),
+        "max_sweeps": max_sweeps,
+        "q": q,
+        "r": r,
+        "gated": gate,
+        "evidence": by_the_data(prior),
+        "sane": sanity,
+    }
+    if tool is not None:
+        base_link(arm, tool)  # refuse a link that does not move before any work is done
+    say(verbose, f"{about(arm)}; {len(data)} poses")
+    calibration = run_fit(arm, data, test=further, rng=np.random.default_rng(seed), **how)
+    warned = (*calibration.warnings, *(further.warnings if further else ()), *coverage_warnings(arm, calibration))
+    calibration = replace(calibration, warnings=warned)
+    extra = Extras(
+        workspace_accuracy(arm, calibration, tool, np.random.default_rng(seed)) if tool is not None else None,
+        cross_validate(arm, data, kfold, np.random.default_rng(seed), **how) if kfold is not None else None,
+    )
+    warn(calibration.warnings, quiet)
+    if force:
+        warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
+    else:
+        calibration.require_trustworthy()
+    files: dict[str | Path, bytes] = {urdf: calibration.urdf(), record: calibration.record(sys.argv)}
+    if report is not None:
+        files[report] = report_bytes(report, calibration, sys.argv)
+    write_together(files)
+    machine = calibration_json(calibration) | extra.machine() if as_json else None
+    show(machine, [*calibration_blocks(calibration), *extra.blocks()])
+    say(not as_json, f"\nwrote {listed(files)}" + expanded_note(arm), sys.stdout)
+    if calibration.rejection:
+        raise typer.Exit(FitRejected.exit_code)

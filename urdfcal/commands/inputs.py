@@ -1,0 +1,151 @@
+"""From options to robots, noise, priors and places to write; every refusal here comes before any work is done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urdfcal.errors import UsageError
+
+if TYPE_CHECKING:
+    from urdfcal.error_model import PriorScale
+    from urdfcal.rig_file import RigFile
+    from urdfcal.robot import Robot
+    from urdfcal.slots import Kind
+
+_LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
+MOST_DEGREES = 90.0
+
+
+def load(
+    path: Path,
+    xacro_args: list[str] | None,
+    package_dirs: list[Path] | None,
+    screen: str | None,
+    lasers: list[str] | None,
+    rig: RigFile | None = None,
+) -> Robot:
+    """The robot that a command line names.
+
+    Raises:
+        UsageError: a --xacro-arg is no NAME:=VALUE.
+        RobotError: the file is not a robot that can be loaded.
+    """
+    from urdfcal.robot import load_robot
+
+    arguments = {}
+    for argument in xacro_args or ():
+        name, mark, value = argument.partition(":=")
+        if not mark or not name:
+            raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
+        arguments[name] = value
+    return load_robot(
+        path,
+        xacro_args=arguments,
+        package_dirs=package_dirs or (),
+        screen=screen or (rig.screen if rig else None),
+        lasers=lasers or (rig.lasers if rig else None),
+    )
+
+
+def rig_file_of(path: Path | None) -> RigFile:
+    """The rig.yaml that was given, or an empty one."""
+    from urdfcal.rig_file import RigFile, read_rig_file
+
+    return RigFile() if path is None else read_rig_file(path)
+
+
+def by_the_data(prior: str) -> bool:
+    """What `--prior` asks for.
+
+    Raises:
+        UsageError: it asks for neither.
+    """
+    if prior not in ("stated", "auto"):
+        raise UsageError(f"--prior {prior}: expected stated or auto")
+    return prior == "auto"
+
+
+def priors_of(joint: str | None, mount: str | None, screen: str | None, beams: str | None) -> dict[Kind, PriorScale]:
+    """The priors that were stated, by group."""
+    from urdfcal.gauge import parse_prior
+
+    stated: dict[Kind, str | None] = {"joint": joint, "mount": mount, "screen": screen, "beam": beams}
+    return {kind: parse_prior(text) for kind, text in stated.items() if text is not None}
+
+
+def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
+    """Standard deviation of every joint reading, [rad]."""
+    import numpy as np
+
+    from urdfcal.errors import RigError, no_such
+
+    if stated_deg is not None and not 0 <= stated_deg <= MOST_DEGREES:
+        raise UsageError(f"--joint-sigma-deg {stated_deg:g}: expected a number from 0 to {MOST_DEGREES:g}")
+    common = stated_deg if stated_deg is not None else rig.noise.joint_deg or 0.0
+    names = robot.chain.input_names
+    for name in rig.noise.joints_deg:
+        if name not in names:
+            raise RigError(f"noise.joints_deg: {no_such('joint', name, names)}")
+    own = rig.noise.joints_deg if stated_deg is None else {}
+    degrees = [0.0 if joint.prismatic else own.get(joint.name, common) for joint in robot.chain.inputs]
+    return np.radians(degrees)
+
+
+def spot_noise(rig: RigFile, stated_mm: float | None) -> float | None:
+    """Standard deviation of a spot coordinate, [m], if it is stated anywhere."""
+    millimetres = positive("--spot-sigma-mm", stated_mm) or rig.noise.spot_mm
+    return None if millimetres is None else millimetres * 1e-3
+
+
+def positive(option: str, value: float | None) -> float | None:
+    """A positive number, or None where none was stated.
+
+    Raises:
+        UsageError: it is out of all bounds.
+    """
+    if value is not None and not _LEAST <= value <= _MOST:
+        raise UsageError(f"{option} {value:g}: expected a number between {_LEAST:g} and {_MOST:g}")
+    return value
+
+
+def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse outputs that cannot be written or would fall on an input, before any work is done."""
+    from urdfcal.files import require_writable
+
+    used = {path.resolve() for path in inputs if path is not None}
+    for output in outputs:
+        require_writable(output)
+        if output.resolve() in used:
+            raise UsageError(f"{output}: is an input of this command; name another output with -o")
+
+
+def stem_of(urdf: Path) -> str:
+    """What the files beside a calibrated URDF are named after."""
+    return urdf.name.removesuffix(".urdf").removesuffix("_calibrated") or urdf.stem
+
+
+def listed(paths: Iterable[str | Path]) -> str:
+    """`a, b and c`."""
+    *first, last = map(str, paths)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def about(robot: Robot) -> str:
+    """A robot in one line."""
+    names = ", ".join(step.joint.name for step in robot.chain.moving)
+    return f"{robot.name}: moving joints {names} between '{robot.rig.screen}' and '{robot.rig.module}' with {', '.join(robot.rig.lasers)}"
+
+
+def expanded_note(robot: Robot) -> str:
+    """A word where the URDF that is written is not the text that was read."""
+    return f" (the URDF is the expanded {robot.description.path.name})" if robot.description.expanded else ""
+
+
+def arm7_file() -> Path:
+    """The arm of Table I, in a checkout or installed."""
+    for folder in (Path(__file__).parent / "robots", Path(__file__).parents[1] / "robots"):
+        if (folder / "arm7" / "arm7.urdf.xacro").exists():
+            return folder / "arm7" / "arm7.urdf.xacro"
+    raise UsageError("robots/arm7/arm7.urdf.xacro was not found; name the arm's file")

@@ -1,0 +1,155 @@
+"""`urdfcal evaluate`, `check` and `dh`: what is there, without fitting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from urdfcal.commands.console import say, show, warn
+from urdfcal.commands.inputs import about, joint_noise, load, priors_of, rig_file_of, spot_noise
+from urdfcal.commands.options import (
+    DataFile,
+    Estimate,
+    Fix,
+    JointSigma,
+    Json,
+    Lasers,
+    Model,
+    Only,
+    PackageDirs,
+    PriorBeams,
+    PriorJoint,
+    PriorMount,
+    PriorScreen,
+    Quiet,
+    RigOption,
+    RobotFile,
+    Screen,
+    Seed,
+    Verbose,
+    XacroArgs,
+)
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def evaluate(
+    robot: RobotFile,
+    measurements: DataFile,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
+    from urdfcal.calibration import beams_that_miss
+    from urdfcal.calibration import evaluate as run_evaluate
+    from urdfcal.measurements import read_measurements
+    from urdfcal.report import spot_table_block, table_json
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    say(verbose, about(arm))
+    data = read_measurements(measurements, arm)
+    warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
+    fit_set, test_set = data.split()
+    tables = {name: run_evaluate(arm, rows) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
+    whole = run_evaluate(arm, data)
+    machine = {"converged": True, "iterations": 0, "rank": 0, "parameters": [], "combinations": []}
+    machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
+    if "test" in tables:
+        machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}
+    show(machine if as_json else None, [spot_table_block((name, table, None) for name, table in tables.items())])
+
+
+def check(
+    robot: RobotFile,
+    measurements: DataFile,
+    rig: RigOption = None,
+    error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
+    spot_sigma_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: 1.", show_default=False)
+    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Tell what these measurements can and cannot determine, without fitting, and which others would help."""
+    import numpy as np
+
+    from urdfcal.calibration import laid_over
+    from urdfcal.check import check as run_check
+    from urdfcal.check_report import check_blocks, check_json
+    from urdfcal.measurements import read_measurements
+
+    rig_file = rig_file_of(rig)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    say(verbose, about(arm))
+    data = read_measurements(measurements, arm)
+    priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
+    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    result = run_check(
+        arm,
+        data,
+        options=options,
+        spot_sigma=spot_noise(rig_file, spot_sigma_mm),
+        joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
+        rng=np.random.default_rng(seed),
+    )
+    warn(result.warnings, quiet)
+    show(check_json(result) if as_json else None, check_blocks(result))
+
+
+def dh(
+    robot: RobotFile,
+    hayati: Annotated[bool, typer.Option("--hayati", help="Hayati's transform, with beta, where axes are nearly parallel.")] = False,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Also show the table of the corrected robot.", show_default=False)
+    ] = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    verbose: Verbose = False,
+) -> None:
+    """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
+    from dataclasses import replace
+
+    from urdfcal.calibration_file import read_calibration
+    from urdfcal.dh import dh_table
+    from urdfcal.gauge import build_error_model
+    from urdfcal.report import carried_lines, dh_block, dh_json
+    from urdfcal.robot import robot_from
+    from urdfcal.urdf_writer import with_origins
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    say(verbose, about(arm))
+    rows, corrected = dh_table(arm.chain, hayati), None
+    if calibration is not None:
+        origins, _ = read_calibration(calibration).origins_for(arm)
+        description = replace(arm.description, text=with_origins(arm.description, origins))
+        corrected = dh_table(robot_from(description, screen=arm.screen, lasers=arm.lasers).chain, hayati)
+    carried = build_error_model(arm.chain, arm.rig).carried
+    machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
+    heading = "left out of the automatic error model, since no measurement could tell them from others:"
+    lines: list[RenderableType] = ["", heading, *(f"  {line}" for line in carried_lines(carried))]
+    show(machine if as_json else None, [dh_block(rows, corrected), *(lines if carried else [])])

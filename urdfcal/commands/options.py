@@ -1,0 +1,64 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="URDF or xacro file. A xacro file is code: it runs.", show_default=False)]
+DataFile = Annotated[
+    Path, typer.Argument(metavar="MEASUREMENTS", help="CSV: a column a joint, <laser>.y and <laser>.z.", show_default=False)
+]
+XacroArgs = Annotated[
+    list[str] | None, typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False)
+]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option("--package-dir", metavar="DIR", help="Folder in which packages are looked for first; repeatable.", show_default=False),
+]
+Screen = Annotated[
+    str | None,
+    typer.Option(metavar="LINK", help="Screen link; its plane x = 0 is the screen. Default: the link 'screen'.", show_default=False),
+]
+Lasers = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--laser", metavar="LINK", help="Laser link, beam along +z; repeatable. Default: every link 'laser_<digits>'.", show_default=False
+    ),
+]
+RigOption = Annotated[
+    Path | None, typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False)
+]
+Model = Annotated[
+    str | None,
+    typer.Option("--error-model", metavar="MODEL", help="auto, dh, hayati, placement or offset. Default: auto.", show_default=False),
+]
+Estimate = Annotated[
+    list[str] | None,
+    typer.Option("--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", show_default=False),
+]
+Fix = Annotated[
+    list[str] | None,
+    typer.Option("--fix", metavar="PATTERN", help="Hold these parameters, e.g. 'joint3.*'; repeatable.", show_default=False),
+]
+Only = Annotated[
+    list[str] | None, typer.Option("--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", show_default=False)
+]
+JointSigma = Annotated[float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)]
+PriorJoint = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)
+]
+PriorMount = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)
+]
+PriorScreen = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)
+]
+PriorBeams = Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)]
+Json = Annotated[bool, typer.Option("--json", help="Print the result for machines, in SI units.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.", show_default=False)]
