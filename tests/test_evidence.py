@@ -8,7 +8,6 @@ import pytest
 from urdfcal.calibration import fit
 from urdfcal.ekf import Belief, iterated_schedule
 from urdfcal.error_model import ErrorModel, Parameter, PriorScale
-from urdfcal.errors import UsageError
 from urdfcal.evidence import START_SCALES, by_evidence, group_of
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.noise import Linearisation, Noise
@@ -59,7 +58,7 @@ def test_a_perfect_robot_is_left_nearly_alone(robots: dict[str, Robot], rng: np.
     errors = build_error_model(robot.chain, robot.rig)
     zero = np.zeros(len(errors.names))
     data = simulate(robot, errors, zero, draw_poses(robot, errors, zero, 40, rng), rng, SimulatedNoise(1e-3))
-    plain, chosen = fit(robot, data), fit(robot, data, evidence=True)
+    plain, chosen = fit(robot, data, evidence=False), fit(robot, data)
     assert chosen.evidence is not None
     assert chosen.evidence.scales["zero"] < START_SCALES["zero"]
     joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
@@ -67,14 +66,39 @@ def test_a_perfect_robot_is_left_nearly_alone(robots: dict[str, Robot], rng: np.
 
 
 def test_stated_priors_stay(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """A prior that is stated for a parameter is kept; one for all joints contradicts the wish; few poses keep the defaults."""
+    """A prior that is stated for a parameter is kept; with one for all joints, or few poses, nothing is chosen."""
     robot = robots["ur5"]
     errors = build_error_model(robot.chain, robot.rig)
     zero = np.zeros(len(errors.names))
     data = simulate(robot, errors, zero, draw_poses(robot, errors, zero, 40, rng), rng, SimulatedNoise(1e-3))
     own = ModelOptions(single={"elbow_joint.d_a": ParameterPrior(sigma=5e-3)})
-    found = fit(robot, data, options=own, evidence=True)
+    found = fit(robot, data, options=own)
     assert dict(zip(found.errors.names, found.errors.sigma, strict=True))["elbow_joint.d_a"] == 5e-3
-    with pytest.raises(UsageError, match="use one of the two"):
-        fit(robot, data, priors={"joint": PriorScale(1e-3, 1e-3)}, evidence=True)
-    assert fit(robot, data.subset(np.arange(15)), evidence=True).evidence is None
+    assert fit(robot, data, priors={"joint": PriorScale(1e-3, 1e-3)}).evidence is None
+    assert fit(robot, data.subset(np.arange(15))).evidence is None
+    assert fit(robot, data, estimator="robust").evidence is None
+
+
+def test_lse_chooses_what_the_filter_chooses(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Under scales chosen by evidence Levenberg-Marquardt and the filter agree, too, and both tell what they did."""
+    robot = robots["panda"]
+    errors = build_error_model(robot.chain, robot.rig)
+    truth = rng.normal(0, 1e-3, len(errors.names))
+    data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, 40, rng), rng, SimulatedNoise(1e-3))
+    ekf, lse = fit(robot, data), fit(robot, data, estimator="lse")
+    assert ekf.evidence is not None
+    assert lse.evidence is not None
+    assert lse.evidence.scales == pytest.approx(ekf.evidence.scales, rel=1e-3)
+    np.testing.assert_allclose(lse.x / ekf.sigma, ekf.x / ekf.sigma, atol=5e-3)
+
+
+def test_what_is_determined_is_judged_against_stated_priors(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A robot without errors gets tight scales by evidence; that the data say much of its parameters is said all the same."""
+    robot = robots["ur5"]
+    errors = build_error_model(robot.chain, robot.rig)
+    zero = np.zeros(len(errors.names))
+    data = simulate(robot, errors, zero, draw_poses(robot, errors, zero, 60, rng), rng, SimulatedNoise(0.2e-3))
+    plain, chosen = fit(robot, data, evidence=False), fit(robot, data)
+    assert chosen.identifiability.determined == plain.identifiability.determined
+    assert chosen.identifiability.rank == plain.identifiability.rank
+    assert (chosen.sigma < plain.sigma).sum() > len(errors.names) / 2

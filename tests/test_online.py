@@ -38,7 +38,7 @@ def test_the_belief_is_that_of_the_batch_fit(robots: dict[str, Robot], rng: np.r
     data = some_poses(robot, rng, 70, joint)
     states = take(OnlineCalibrator(robot, spot_sigma=NOISE, joint_sigma=joint), data)
     for count in (1, 2, 20, 45, 70):
-        batch = fit(robot, data.subset(np.arange(count)), spot_sigma=NOISE, joint_sigma=joint, gated=False)
+        batch = fit(robot, data.subset(np.arange(count)), spot_sigma=NOISE, joint_sigma=joint, gated=False, evidence=False)
         state = states[count - 1]
         assert state.poses == count
         assert np.max(np.abs(state.x - batch.x) / batch.sigma) < 0.01
@@ -51,7 +51,7 @@ def test_noise_that_is_not_stated_is_found(robots: dict[str, Robot], rng: np.ran
     robot = robots["panda"]
     data = some_poses(robot, rng, 60)
     states = take(OnlineCalibrator(robot, target_mm=1e3), data)
-    batch = fit(robot, data, gated=False)
+    batch = fit(robot, data, gated=False, evidence=False)
     assert states[0].noise.spot_sigma == 1e-3
     assert not states[0].enough  # the target is met, but the noise that says so is a guess
     assert states[-1].enough

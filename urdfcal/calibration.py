@@ -21,9 +21,9 @@ from urdfcal.fit_result import FitResult, SpotTable, spot_table
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Vector
 from urdfcal.hypotheses import best_hypothesis
-from urdfcal.identifiability import identify
+from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers
+from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import LEAST_FREEDOM, START_SPOT_SIGMA, Linearisation, Noise
 from urdfcal.report import text_report
@@ -90,7 +90,7 @@ def fit(
     q: float = 1e-4,
     r: float = 1e-4,
     gated: bool = True,
-    evidence: bool = False,
+    evidence: bool = True,
     sane: bool = True,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
@@ -118,7 +118,8 @@ def fit(
         r: R = r I of the `paper` schedule, [m^2].
         gated: Take out spots that the fit cannot explain, exchange beams that were read for each other, and refit (not for `robust`
             and the `paper` schedule).
-        evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence (EKF, at least 20 poses).
+        evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence, where the joints' priors are not
+            stated and there are at least 20 poses (not for `robust` and the `paper` schedule).
         sane: Refuse measurements that a common mistake explains far better (swapped lasers, degrees as radians, a sign flipped ...).
         rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
@@ -130,8 +131,6 @@ def fit(
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     _check(robot, data, spot_sigma)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
-    if evidence:
-        _check_evidence(method, options)
     fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors = build_error_model(robot.chain, robot.rig, options, sessions)
@@ -149,11 +148,11 @@ def fit(
         _require_beams_on_screen(model, begun.x)
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
-    chosen: Evidence | None = None
-    if evidence:
-        errors, found, chosen = _by_evidence(model, errors, noise, found, options)
+    stated_errors, chosen = errors, None
+    if evidence and method.shrinks and "joint" not in options.priors:
+        errors, found, chosen = _by_evidence(model, method, errors, noise, found, options)
     here = model.linearise(found.belief.x)
-    seen = identify(errors.names, found.belief.x, found.belief.P, errors.sigma)
+    seen = _decided(here, found, stated_errors, chosen)
     freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
     misfit = _misfit(method, found.noise, here, freedom)
     calibration = Calibration(
@@ -177,7 +176,6 @@ def fit(
             *((begun.message,) if begun.message else ()),
             *_few_spots(noise, freedom),
             *_disagreement(found.noise, misfit, freedom),
-            *_few_poses(evidence, fit_set),
         ),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
@@ -281,27 +279,31 @@ def _begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
     return begun
 
 
-def _few_poses(evidence: bool, data: Measurements) -> tuple[str, ...]:
-    if not evidence or len(data) >= LEAST_POSES:
-        return ()
-    return (f"{len(data)} poses are too few to choose priors by evidence ({LEAST_POSES} are needed); the stated ones were used",)
-
-
 def _by_evidence(
-    model: SpotModel, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
+    model: SpotModel, method: Method, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
 ) -> tuple[ErrorModel, Estimate, Evidence | None]:
-    """Refit with the joints' prior scales chosen by evidence; priors that were stated stay."""
-    if len(model.data) < LEAST_POSES or not found.converged:
+    """Refit with the joints' prior scales chosen by evidence; priors that were stated for single parameters stay."""
+    if len(model.data) < LEAST_POSES or not found.converged or not any(parameter.kind == "joint" for parameter in errors.parameters):
         return errors, found, None
     stated = [name for pattern, said in options.single.items() if said.sigma is not None for name in matching(errors.parameters, pattern)]
-    return by_evidence(model.linearise, errors, noise, found, stated)
+    errors, refitted, chosen = by_evidence(model.linearise, errors, noise, found, stated)
+    if method.estimator != "ekf":
+        again = replace(method, start=refitted.belief.x)
+        refitted = again.run(model, Belief(errors.mean, np.diag(errors.sigma**2)), replace(refitted.noise, stated=True))
+        refitted = replace(refitted, noise=replace(refitted.noise, stated=noise.stated))
+    return errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen
 
 
-def _check_evidence(method: Method, options: ModelOptions) -> None:
-    if method.label != "ekf, iterated":
-        raise UsageError(f"priors are chosen by evidence for the iterated ekf alone, not for {method.label}")
-    if "joint" in options.priors:
-        raise UsageError("the joints' priors are stated, and are to be chosen by evidence; use one of the two")
+def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:
+    """What the data decided, judged against the priors that were stated: scales that the data chose hold more still.
+
+    Sigmas of combinations are those of the estimate.
+    """
+    belief = found.belief
+    if chosen is None:
+        return identify(stated.names, belief.x, belief.P, stated.sigma)
+    P = posterior(here, Belief(stated.mean, np.diag(stated.sigma**2)), found.noise)
+    return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
 
 
 def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:

@@ -17,7 +17,7 @@ Observability indices of L seen directions with singular values s_1 >= ... >= s_
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from urdfcal.geometry import Matrix, Vector
 
 DETERMINED = 0.5  # posterior over prior standard deviation
 HIDDEN = 1e-9  # share of the largest singular value under which a direction moves no spot
+_MOST_TERMS = 6  # of a combination in words
 _NEGLIGIBLE = 0.02  # share of a direction's largest component that is not worth a word
 
 
@@ -37,12 +38,14 @@ class Combination:
         value: The sum at the estimate, [m] or [rad] times the weights.
         sigma: Its posterior standard deviation.
         determined: Whether the data decided it.
+        left: Share of its prior standard deviation that the data left.
     """
 
     terms: dict[str, float]
     value: float
     sigma: float
     determined: bool
+    left: float
 
     def words(self) -> str:
         """`joint1.d_d + joint2.d_d`."""
@@ -57,11 +60,13 @@ class Identifiability:
         rank: Number of directions of the state that the data determined.
         determined: For each parameter, whether its sigma is under half its prior's.
         combinations: For the parameters that are not: the sums that are determined, then the directions that are not.
+        left: For each parameter the share of its prior standard deviation that the data left.
     """
 
     rank: int
     determined: tuple[bool, ...]
     combinations: tuple[Combination, ...]
+    left: tuple[float, ...]
 
 
 def identify(names: Sequence[str], x: Vector, P: Matrix, prior_sigma: Vector) -> Identifiability:
@@ -79,12 +84,24 @@ def identify(names: Sequence[str], x: Vector, P: Matrix, prior_sigma: Vector) ->
     scaled = P / np.outer(prior_sigma, prior_sigma)
     variances, directions = np.linalg.eigh(scaled)
     open_ = directions[:, variances >= DETERMINED**2]
-    determined = np.sqrt(np.diag(scaled)) < DETERMINED
+    left = np.sqrt(np.diag(scaled))
     combinations = [
         _combination(names, weights, x, P, prior_sigma)
         for weights in [*_determined_sums(open_, prior_sigma), *(prior_sigma * row for row in _sparse_basis(open_.T))]
     ]
-    return Identifiability(len(names) - open_.shape[1], tuple(bool(flag) for flag in determined), tuple(combinations))
+    return Identifiability(len(names) - open_.shape[1], tuple((left < DETERMINED).tolist()), tuple(combinations), tuple(left.tolist()))
+
+
+def with_sigmas(seen: Identifiability, P: Matrix, names: Sequence[str]) -> Identifiability:
+    """The same with the standard deviations that another covariance gives the combinations."""
+    column = {name: index for index, name in enumerate(names)}
+
+    def sigma(terms: Mapping[str, float]) -> float:
+        weights = np.zeros(len(names))
+        weights[[column[name] for name in terms]] = list(terms.values())
+        return float(np.sqrt(weights @ P @ weights))
+
+    return replace(seen, combinations=tuple(replace(each, sigma=sigma(each.terms)) for each in seen.combinations))
 
 
 @dataclass(frozen=True)
@@ -169,12 +186,14 @@ def correlated_groups(names: Sequence[str], P: Matrix, limit: float = 0.95) -> l
 
 
 def in_words(terms: Mapping[str, float]) -> str:
-    """A weighted sum as `joint1.d_d + joint2.d_d`, terms of weight 0 left out."""
+    """A weighted sum as `joint1.d_d + joint2.d_d`, terms of weight 0 left out; of very long ones the largest terms."""
+    shown = sorted((name for name in terms if terms[name]), key=lambda name: -abs(terms[name]))[:_MOST_TERMS]
+    left = sum(1 for weight in terms.values() if weight) - len(shown)
     text = ""
-    for name, weight in terms.items():
+    for name, weight in ((name, weight) for name, weight in terms.items() if name in shown):
         size = "" if abs(abs(weight) - 1) < 1e-3 else f"{abs(weight):.3g} "
         text += f" {'-' if weight < 0 else '+'} {size}{name}" if weight else ""
-    return text.removeprefix(" + ").strip()
+    return text.removeprefix(" + ").strip() + (f" + {left} smaller terms" if left else "")
 
 
 def _hidden(names: Sequence[str], null: Matrix, prior_sigma: Vector) -> list[HiddenSum]:
@@ -199,7 +218,7 @@ def _combination(names: Sequence[str], weights: Vector, x: Vector, P: Matrix, pr
     weights = _cleaned(weights)
     sigma, prior = np.sqrt(weights @ P @ weights), np.linalg.norm(weights * prior_sigma)
     terms = {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}
-    return Combination(terms, float(weights @ x), float(sigma), bool(sigma < DETERMINED * prior))
+    return Combination(terms, float(weights @ x), float(sigma), bool(sigma < DETERMINED * prior), float(sigma / prior))
 
 
 def _determined_sums(open_: Matrix, prior_sigma: Vector) -> list[Vector]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from urdfcal.ekf import Belief, Estimate, compress, iterated_schedule, paper_schedule, update
 from urdfcal.errors import UsageError
-from urdfcal.geometry import MM, Vector
+from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Measurements
-from urdfcal.noise import Noise
+from urdfcal.noise import Linearisation, Noise
 from urdfcal.robust import Outlier, gate, reweighted, swapped_poses
 from urdfcal.spot_model import SpotModel
 
@@ -64,6 +64,11 @@ class Method:
         """Whether outliers are taken out: not where the estimator weighs them down itself, nor in the paper's schedule."""
         return self.gated and self.estimator != "robust" and not (self.estimator == "ekf" and self.schedule == "paper")
 
+    @property
+    def shrinks(self) -> bool:
+        """Whether the joints' prior scales may be chosen by evidence: where the noise is Gaussian and the data count once."""
+        return self.estimator != "robust" and not (self.estimator == "ekf" and self.schedule == "paper")
+
     def limits(self) -> dict[str, Any]:
         """Tolerance and sweeps, as far as they are set."""
         return {name: value for name in ("tolerance", "max_sweeps") if (value := getattr(self, name)) is not None}
@@ -96,9 +101,13 @@ def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noi
         return swept
     if not noise.stated:
         noise = noise.estimated(here, float(max(here.count - len(sigma), 1)))
-    rows, _ = compress(noise.weights(here).jacobian(here), np.zeros(here.measured.size), sigma)
-    counted, _ = update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))
-    return replace(swept, belief=Belief(swept.belief.x, counted.P), noise=noise)
+    return replace(swept, belief=Belief(swept.belief.x, posterior(here, prior, noise)), noise=noise)
+
+
+def posterior(here: Linearisation, prior: Belief, noise: Noise) -> Matrix:
+    """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
+    rows, _ = compress(noise.weights(here).jacobian(here), np.zeros(here.measured.size), np.sqrt(np.diag(prior.P)))
+    return update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
 
 
 @dataclass(frozen=True)

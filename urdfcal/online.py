@@ -173,20 +173,20 @@ class OnlineCalibrator:
         """The poses that the belief holds."""
         return self._history.measurements()
 
-    def calibration(self, gated: bool = False) -> Calibration:
+    def calibration(self, gated: bool = False, evidence: bool = False) -> Calibration:
         """The batch fit of the poses so far: report, corrected URDF and all.
 
         Args:
-            gated: Look for outliers as `fit` does; without it the answer is the one that the belief approximates.
+            gated: Look for outliers as `fit` does.
+            evidence: Choose the joints' priors by the data as `fit` does; without both the answer is what the belief approximates.
 
         Raises:
             UsageError: no spot has been seen yet.
         """
         if not self._history.seen:
             raise UsageError("no pose with a spot has been taken yet; there is nothing to fit")
-        return fit(
-            self.robot, self.measurements(), options=self.options, spot_sigma=self._stated, joint_sigma=self._joint_sigma, gated=gated
-        )
+        how = {"spot_sigma": self._stated, "joint_sigma": self._joint_sigma, "gated": gated, "evidence": evidence}
+        return fit(self.robot, self.measurements(), options=self.options, **how)
 
     def _refuse(self, pose: Measurements) -> OnlineState:
         """A pose that the model cannot produce."""

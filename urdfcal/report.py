@@ -8,9 +8,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from urdfcal.calibration_file import parameter_entries
 from urdfcal.dh import DhRow
 from urdfcal.geometry import DEG, MM
+from urdfcal.identifiability import correlated_groups
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     from urdfcal.fit_result import FitResult, SpotTable
 
 WIDTH = 100
+STRONG = 0.95  # correlation above which parameters are named together
 
 
 def text_report(calibration: FitResult) -> str:
@@ -51,6 +55,7 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
         parameter_table(calibration),
         *_outliers(calibration),
         *_undecided(calibration),
+        *_correlated(calibration),
         *_carried(calibration.errors.carried),
     ]
 
@@ -143,6 +148,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         "parameters": parameter_entries(calibration),
         "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
+        "correlated": [list(group) for group in strongly_correlated(calibration)],
         "carried": dict(calibration.errors.carried),
         "before": table_json(calibration.before),
         "after": table_json(calibration.after),
@@ -193,6 +199,18 @@ def _undecided(calibration: FitResult) -> list[RenderableType]:
             unit, size = _display_of({units[name] for name in combination.terms})
             lines.append(f"  only {combination.words()} = {value_and_sigma(combination.value / size, combination.sigma / size)} {unit}")
     return ["", "Determined as sums alone:", *lines] if lines else []
+
+
+def _correlated(calibration: FitResult) -> list[RenderableType]:
+    lines = [f"  {', '.join(group)}" for group in strongly_correlated(calibration)]
+    heading = f"Linked by correlations above {STRONG:g}, so that their combinations are known better than each alone:"
+    return ["", heading, *lines] if lines else []
+
+
+def strongly_correlated(calibration: FitResult) -> list[tuple[str, ...]]:
+    """Groups of parameters that hang together by correlations above STRONG."""
+    known = (np.diag(calibration.covariance) > 0).all()
+    return correlated_groups(calibration.errors.names, calibration.covariance, STRONG) if known else []
 
 
 def _carried(carried: Mapping[str, str]) -> list[RenderableType]:

@@ -12,13 +12,12 @@ from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
 from urdfcal.error_model import Parameter
 from urdfcal.fit_result import FitResult, SpotTable
 from urdfcal.geometry import MM
-from urdfcal.identifiability import DETERMINED, Combination, correlated_groups
+from urdfcal.identifiability import DETERMINED, Combination
 from urdfcal.provenance import prior_text, provenance_table
-from urdfcal.report import carried_lines, displayed, value_and_sigma
+from urdfcal.report import STRONG, carried_lines, displayed, strongly_correlated, value_and_sigma
 from urdfcal.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
 from urdfcal.verdict import Verdict, count_of, verdict_of
 
-_STRONG = 0.95
 _MOST_OUTLIERS = 50
 _PHASES = ("mean", "std", "max")
 
@@ -101,23 +100,22 @@ def _convergence(calibration: FitResult) -> Section:
 
 def _parameters(calibration: FitResult) -> Section:
     text = (
-        "Errors of the robot against its URDF. The last column is how much of the prior's uncertainty is left; a parameter is determined "
-        f"when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
+        "Errors of the robot against its URDF. The last column is how much of the stated prior's uncertainty the data leave; a parameter "
+        f"is determined when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
     )
+    if calibration.evidence is not None:
+        text += " The prior sigmas of the joints are those that the data made most probable."
     if not honest_covariance(calibration):
         text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
-    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
-    table = Table(
-        ("parameter", "value ± sigma", "prior sigma", "left of prior"),
-        tuple(_parameter_row(parameter, value, sigma, determined) for parameter, value, sigma, determined in rows),
-    )
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
+    table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), tuple(_parameter_row(*row) for row in rows))
     return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if calibration.errors.parameters else ())
 
 
-def _parameter_row(parameter: Parameter, value: float, sigma: float, determined: bool) -> tuple[Cell, ...]:
+def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float) -> tuple[Cell, ...]:
     unit, size = displayed(parameter.unit)
-    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if determined else "not determined"
-    return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(float(sigma / parameter.sigma), DETERMINED))
+    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if left < DETERMINED else "not determined"
+    return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(left, DETERMINED))
 
 
 def _combinations(calibration: FitResult) -> Section:
@@ -143,9 +141,8 @@ def _combination_row(calibration: FitResult, combination: Combination) -> tuple[
     parameters = {parameter.name: parameter for parameter in calibration.errors.parameters}
     units = {parameters[name].unit for name in combination.terms}
     unit, size = displayed(units.pop()) if len(units) == 1 else ("m and rad", 1.0)
-    prior = math.hypot(*(weight * parameters[name].sigma for name, weight in combination.terms.items()))
     value = f"{value_and_sigma(combination.value / size, combination.sigma / size)} {unit}"
-    return (combination.words(), value if combination.determined else "not determined", Share(combination.sigma / prior, DETERMINED))
+    return (combination.words(), value if combination.determined else "not determined", Share(combination.left, DETERMINED))
 
 
 def _carried(calibration: FitResult) -> Section:
@@ -155,11 +152,10 @@ def _carried(calibration: FitResult) -> Section:
 
 
 def _correlations(calibration: FitResult) -> Section:
-    names = calibration.errors.names
-    groups = correlated_groups(names, calibration.covariance, _STRONG) if np.all(np.diag(calibration.covariance) > 0) else []
+    groups = strongly_correlated(calibration)
     if not groups:
         return Section("correlations", "Correlated parameters", ())
-    text = f"Linked by correlations above {_STRONG:g}: combinations of them are known better than each alone."
+    text = f"Linked by correlations above {STRONG:g}: combinations of them are known better than each alone."
     return Section("correlations", "Correlated parameters", (text, Points(tuple(_group_line(calibration, each) for each in groups))))
 
 

@@ -68,12 +68,13 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=100)
+    parser.add_argument("--arm", default="ur5", help="a folder of robots/ (default ur5); of other arms than six-joint ones no factory truths")
     parser.add_argument("--poses", type=int, nargs="+", default=[20, 30, 60, 200])
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     arguments = parser.parse_args()
-    robot = load_robot(ROOT / "robots" / "ur5" / "ur5.urdf.xacro")
-    arms = factory_truths(arguments.data) if (arguments.data / "ur_factory").is_dir() else []
-    print(f"UR5, 1 mm noise, {arguments.robots} robots each: held-out RMS [mm], defaults and by evidence; ratio (median, 95 %)")
+    robot = load_robot(ROOT / "robots" / arguments.arm / f"{arguments.arm}.urdf.xacro")
+    arms = factory_truths(arguments.data) if arguments.arm == "ur5" and (arguments.data / "ur_factory").is_dir() else []
+    print(f"{arguments.arm}, 1 mm noise, {arguments.robots} robots each: held-out RMS [mm], defaults and by evidence; ratio (median, 95 %)")
     for kind in ("gaussian", *(["factory"] if arms else []), "zero"):
         for poses in arguments.poses:
             both = np.array([held_out(robot, seed, poses, kind, arms) for seed in range(arguments.robots)])

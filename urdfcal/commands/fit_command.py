@@ -71,8 +71,9 @@ def fit(
     ] = None,
     joint_sigma_deg: JointSigma = None,
     prior: Annotated[
-        str, typer.Option(help="stated: the priors below; auto: the data choose the joints' prior scales (at least 20 poses).")
-    ] = "stated",
+        str,
+        typer.Option(help="auto: the data choose the joints' prior scales, if none is stated and there are 20 poses; stated: as below."),
+    ] = "auto",
     prior_joint: PriorJoint = None,
     prior_mount: PriorMount = None,
     prior_screen: PriorScreen = None,

@@ -1,0 +1,199 @@
+"""What there is to see: where the beams of the nominal and of the calibrated robot run, in every pose, beside the measured spots.
+
+Everything stands in the axes of the screen, which both robots share: measured and predicted spots are compared on it, so the
+nominal robot is drawn where the screen sees it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.error_model import ErrorModel
+from urdfcal.frame_jacobian import ArmKinematics, laser_motion
+from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
+from urdfcal.measurements import Mask, Measurements
+from urdfcal.robot import Robot
+from urdfcal.sensors import LEAST_ZX, spots_on_screen
+from urdfcal.urdf_tree import UrdfJoint
+
+_FAR = 3.0  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
+_LEAST_SHEET = 0.3  # [m]
+_MARK = 0.0085  # radius of a spot's disc over the sheet's size
+_LONGEST_ARROW = 0.25  # of the sheet, for nine arrows out of ten, where the magnification is ours to choose
+MAGNIFICATIONS = (20.0, 10.0, 5.0, 2.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Beams:
+    """The beams of one robot at every pose, in screen axes.
+
+    Attributes:
+        source: (n, lasers, 3), [m].
+        direction: (n, lasers, 3), unit vectors.
+        spots: Where they meet the plane of the screen, (n, lasers, 2), [m].
+        length: (n, lasers), [m]; negative, infinite or nan where they do not.
+    """
+
+    source: Array3
+    direction: Array3
+    spots: Array3
+    length: Matrix
+
+    @property
+    def meets(self) -> Mask:
+        """Which beams meet the plane of the screen, at no grazing angle, (n, lasers)."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self.length > 0) & np.isfinite(self.length) & (np.abs(self.direction[..., 0]) > LEAST_ZX / 10))
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The piece of the screen's plane that is drawn: opposite corners (y, z), [m], and the pitch of its grid, [m]."""
+
+    low: Vector
+    high: Vector
+    pitch: float
+
+    @property
+    def size(self) -> float:
+        """Its longer side, [m]."""
+        return float(np.max(self.high - self.low))
+
+    def holds(self, spots: Array3) -> Mask:
+        """Which spots lie on it."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(((spots >= self.low) & (spots <= self.high)).all(axis=-1))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A nominal robot, perhaps a calibrated one, and measurements (spots of nan where there are none).
+
+    Attributes:
+        robot: As the URDF has it.
+        calibrated: As it was found to be, or None.
+        data: Joint positions and measured spots.
+        magnify: How many times the arrows of the last robot's errors are longer than the errors; None to choose.
+    """
+
+    robot: Robot
+    calibrated: Robot | None
+    data: Measurements
+    magnify: float | None = None
+
+    @property
+    def solid(self) -> Robot:
+        """The robot that is drawn solid: the calibrated one, else the nominal."""
+        return self.calibrated or self.robot
+
+    @cached_property
+    def before(self) -> Beams:
+        """The beams of the nominal robot."""
+        return beams_of(self.robot, self.data.q)
+
+    @cached_property
+    def after(self) -> Beams | None:
+        """The beams of the calibrated robot."""
+        return None if self.calibrated is None else beams_of(self.calibrated, self.data.q)
+
+    @property
+    def shown(self) -> Beams:
+        """The beams of the robot that is drawn solid."""
+        return self.after or self.before
+
+    @cached_property
+    def side(self) -> float:
+        """The side of the screen on which the lasers stand: -1 or 1 along its x."""
+        return 1.0 if float(np.median(self.shown.source[..., 0])) > 0 else -1.0
+
+    @cached_property
+    def sheet(self) -> Sheet:
+        """Holds every measured spot, and predicted ones that are not too far off."""
+        return _sheet(self.data.spots[self.data.seen], [beams.spots[beams.meets] for beams in (self.before, self.after) if beams])
+
+    @property
+    def mark(self) -> float:
+        """Radius of a measured spot's disc, [m]: a size that can be seen."""
+        return _MARK * self.sheet.size
+
+    @cached_property
+    def magnification(self) -> float:
+        """How many times longer the arrows of the drawn robot's errors are than the errors."""
+        if self.magnify is not None:
+            return self.magnify
+        errors = np.linalg.norm(self.shown.spots - self.data.spots, axis=-1)[self.data.seen & self.lands(self.shown)]
+        usual = float(np.quantile(errors, 0.9)) if len(errors) else 0.0
+        return next((times for times in MAGNIFICATIONS if times * usual < _LONGEST_ARROW * self.sheet.size), 1.0)
+
+    def lands(self, beams: Beams) -> Mask:
+        """Which beams end on the sheet, (n, lasers)."""
+        return beams.meets & self.sheet.holds(beams.spots)
+
+    def errors_mm(self, beams: Beams) -> Matrix:
+        """Distance from measured to predicted spot, (n, lasers), [mm]; nan where there is none."""
+        distance = np.linalg.norm(beams.spots - self.data.spots, axis=-1) / MM
+        return np.where(self.data.seen & beams.meets, distance, np.nan)
+
+
+def beams_of(robot: Robot, q: Matrix) -> Beams:
+    """The beams of a robot as its URDF has it, at joint positions (n, inputs)."""
+    motion = laser_motion(ArmKinematics(robot.chain), ErrorModel(robot.chain, (), ()), q, np.empty(0))
+    spots, length = spots_on_screen(motion.source, motion.direction)
+    return Beams(motion.source, motion.direction, spots, length)
+
+
+def configurations(robot: Robot, q: Matrix) -> Matrix:
+    """Configurations of the whole robot, (n, model.nq): measured joints as measured, mimic joints after them, others at zero."""
+    model, names = robot.model, robot.chain.input_names
+    whole = np.tile(pin.neutral(model), (len(q), 1))
+    for joint in robot.tree.joints.values():
+        if not joint.moves:
+            continue
+        leader, factor, shift = _leader(robot, joint)
+        position = factor * (q[:, names.index(leader)] if leader in names else np.zeros(len(q))) + shift
+        index = model.getJointId(joint.name)
+        start = model.idx_qs[index]
+        whole[:, start : start + model.nqs[index]] = np.stack([np.cos(position), np.sin(position)], -1) if model.nqs[index] == 2 else position[:, None]
+    return whole
+
+
+def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
+    """T_root_screen of a robot at configurations (n, model.nq)."""
+    model, data = robot.model, robot.model.createData()
+    index = model.getFrameId(robot.rig.screen, pin.FrameType.BODY)
+    found = []
+    for q in whole:
+        pin.forwardKinematics(model, data, q)
+        found.append(pin.updateFramePlacement(model, data, index).copy())
+    return found
+
+
+def _leader(robot: Robot, joint: UrdfJoint) -> tuple[str, float, float]:
+    factor, shift = 1.0, 0.0
+    while joint.mimic is not None:
+        shift += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        joint = robot.tree.joints[joint.mimic.joint]
+    return joint.name, factor, shift
+
+
+def _sheet(measured: Matrix, predicted: list[Matrix]) -> Sheet:
+    base = measured if len(measured) else np.concatenate([*predicted, np.zeros((1, 2))])
+    low, high = base.min(axis=0), base.max(axis=0)
+    centre, half = (low + high) / 2, np.maximum((high - low) / 2, _LEAST_SHEET / 2)
+    near = [spots[(np.abs(spots - centre) < _FAR * half.max()).all(axis=1)] for spots in predicted]
+    held = np.concatenate([base, *near, [centre - half, centre + half]])
+    low, high = held.min(axis=0), held.max(axis=0)
+    pitch = _pitch(float(np.max(high - low)) / 10)
+    margin = 0.02 * float(np.max(high - low))
+    return Sheet(pitch * np.floor((low - margin) / pitch), pitch * np.ceil((high + margin) / pitch), pitch)
+
+
+def _pitch(wanted: float) -> float:
+    """1, 2 or 5 times a power of ten, at least `wanted`."""
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    return float(next(step * decade for step in (1, 2, 5, 10) if step * decade >= wanted * (1 - 1e-9)))
