@@ -175,7 +175,7 @@ CSVS = {
     "csv all test": (
         FIT,
         {"m.csv": CSV.replace("2.z\n", "2.z,set\n").replace("4\n", "4,test\n").replace("8\n", "8,test\n")},
-        "no pose is left to fit: every row with a spot is marked as test",
+        "no pose is left to fit: every row with a measurement is marked as test",
     ),
     "csv Latin-1": (
         FIT,

@@ -14,8 +14,8 @@ import urdfcal
 from tests.helpers import assert_poses_close
 from urdfcal.calibration import evaluate, fit, with_test
 from urdfcal.error_model import FLAT, ErrorModel, PriorScale
+from urdfcal.error_table import rms_mm
 from urdfcal.errors import FitRejected, RobotError, ShapeMismatch, UsageError
-from urdfcal.fit_result import rms_mm
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.paper import paper_poses
@@ -187,7 +187,7 @@ def test_a_corrected_model_is_the_calibrated_urdf(robots: dict[str, Robot], rng:
         np.testing.assert_array_equal(before.homogeneous, after.homogeneous)
     table = evaluate(urdfcal.load_robot(path), found.data)
     for laser, row in table.items():
-        assert row.mean_mm == pytest.approx(found.after[laser].mean_mm, abs=1e-6)
+        assert row.mean == pytest.approx(found.after[laser].mean, abs=1e-6)
 
 
 def test_a_model_without_the_joint_is_refused(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -8,6 +8,8 @@ import pytest
 
 from tests.helpers import central_differences, poses_in_view
 from tests.small_robot import LASERS, joint, robot_of, robot_text
+from urdfcal import prediction
+from urdfcal.calibration import fit
 from urdfcal.corrections import OriginCorrection, corrected_model
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import RobotError, ShapeMismatch
@@ -15,7 +17,7 @@ from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.measurements import measurements_from
 from urdfcal.prediction import base_link, default_tool, spot_jacobians, spot_sigma, tool_jacobian, tool_sigma
 from urdfcal.robot import Robot
-from urdfcal.simulation import joint_limits
+from urdfcal.simulation import SimulatedNoise, draw_poses, joint_limits, simulate
 from urdfcal.spot_model import SpotModel
 
 EVERYTHING = ModelOptions(error_model="placement", estimate=("beams4",))
@@ -55,6 +57,27 @@ def tool_errors(
     distance = [[np.sum((a.translation - b.translation) ** 2) for a, b in poses] for poses in pairs]
     angle = [[np.sum(pin.log3(a.rotation.T @ b.rotation) ** 2) for a, b in poses] for poses in pairs]
     return np.array(distance), np.array(angle)
+
+
+def beams_of(robot: Robot, errors: ErrorModel, x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Spots (n, lasers, 2) and lengths (n, lasers) of the beams by Pinocchio, on the whole robot's model with the origins of x in it."""
+    joints = robot.tree.joints
+    origins = {
+        name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in errors.corrected_origins(x).items()
+    }
+    model = corrected_model(robot.model, origins)
+    data, screen = model.createData(), model.getFrameId(robot.rig.screen)
+    spots, lengths = np.empty((len(q), 2, 2)), np.empty((len(q), 2))
+    for pose, row in enumerate(q):
+        full = pin.neutral(model)
+        for name, value in zip(robot.chain.input_names, row, strict=True):
+            full[model.joints[model.getJointId(name)].idx_q] = value
+        pin.framesForwardKinematics(model, data, full)
+        for laser, link in enumerate(robot.rig.lasers):
+            T_screen_laser = data.oMf[screen].actInv(data.oMf[model.getFrameId(link)])
+            lengths[pose, laser] = -T_screen_laser.translation[0] / T_screen_laser.rotation[0, 2]
+            spots[pose, laser] = (T_screen_laser.translation + lengths[pose, laser] * T_screen_laser.rotation[:, 2])[1:]
+    return spots, lengths
 
 
 def some_covariance(errors: ErrorModel, rng: np.random.Generator, scale: float = 1e-4) -> np.ndarray:
@@ -124,6 +147,56 @@ def test_spot_sigma_is_the_scatter_of_spots(robots: dict[str, Robot], name: str,
     middle = model.predict(x)[0]
     squares = [np.sum((model.predict(draw)[0] - middle) ** 2, axis=-1) for draw in rng.multivariate_normal(x, P, 400)]
     np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), spot_sigma(errors, P, x, q), rtol=5 / np.sqrt(2 * 400))
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_spot_accuracy_is_that_of_robots_drawn_from_the_posterior(robots: dict[str, Robot], name: str, rng: np.random.Generator) -> None:
+    """Median, 95 % and worst predicted error over workspace and measured poses are those of draws from a fit's posterior, by laser."""
+    robot = robots[name]
+    errors = build_error_model(robot.chain, robot.rig)
+    truth = rng.normal(0, np.where(np.array(errors.units) == "m", 3e-3, np.radians(0.3)))
+    data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, 40, rng), rng, SimulatedNoise(1e-3))
+    found = fit(robot, data)
+    draws = rng.multivariate_normal(found.x, found.covariance, 400)
+    for q in (prediction.poses_in_view(robot, found.errors, found.x, data, rng, 100), data.q):
+        model = SpotModel(found.errors, measurements_from(robot, q, np.zeros((len(q), 2, 2))))
+        middle = model.predict(found.x)[0]
+        rms = np.sqrt(np.mean([np.sum((model.predict(draw)[0] - middle) ** 2, axis=-1) for draw in draws], axis=0))
+        predicted = prediction.spot_accuracy(found.errors, found.covariance, found.x, q)
+        assert predicted.lasers == data.lasers
+        assert predicted.poses == (len(q), len(q))
+        for level, quantile in ((predicted.median, 0.5), (predicted.most, 0.95), (predicted.worst, 1.0)):
+            np.testing.assert_allclose(np.quantile(rms, quantile, axis=0), level, rtol=0.1)
+        assert (predicted.median < predicted.most).all()
+        assert (predicted.most < predicted.worst).all()
+
+
+def test_poses_in_view_put_every_beam_where_spots_were_seen(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Positions are within the joints' limits, and their spots by Pinocchio's frames within the rectangle of the measured ones."""
+    robot = robots["panda"]
+    errors = build_error_model(robot.chain, robot.rig)
+    x = some_state(errors, rng)
+    box = np.array([[-0.4, -0.3], [0.5, 0.6]])
+    seen = measurements_from(robot, np.zeros((2, 7)), np.stack([box, box], axis=1))
+    q = prediction.poses_in_view(robot, errors, x, seen, rng, 200)
+    lower, upper = joint_limits(robot)
+    assert q.shape == (200, 7)
+    assert ((q > lower) & (q < upper)).all()
+    spots, lengths = beams_of(robot, errors, x, q)
+    assert (lengths > 0).all()
+    assert ((spots > box[0]) & (spots < box[1])).all()
+
+
+def test_a_view_that_is_never_met_has_no_poses(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where no random position puts its beams between the spots, none is returned, and the accuracy of none is nan."""
+    robot = robots["panda"]
+    errors = build_error_model(robot.chain, robot.rig)
+    seen = measurements_from(robot, np.zeros((1, 7)), np.full((1, 2, 2), 0.1))
+    q = prediction.poses_in_view(robot, errors, errors.mean, seen, rng)
+    assert q.shape == (0, 7)
+    found = prediction.spot_accuracy(errors, np.eye(len(errors.names)), errors.mean, q)
+    assert found.poses == (0, 0)
+    assert np.isnan([found.median, found.most, found.worst]).all()
 
 
 def test_instruments_do_not_enter_the_tools_error(robots: dict[str, Robot], rng: np.random.Generator) -> None:

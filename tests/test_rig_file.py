@@ -85,7 +85,7 @@ BAD = {
     ),
     "prior of nothing": (
         "priors: {tool: '1mm,1deg'}",
-        ":1: entry 'priors.tool': Input should be 'joint', 'mount', 'screen' or 'beam', found 'tool'",
+        ":1: entry 'priors.tool': Input should be 'joint', 'mount', 'screen', 'beam', 'reference', 'target' or 'place', found 'tool'",
     ),
     "both units": (
         "parameters:\n  a.b: {value_mm: 1, sigma_deg: 1}",

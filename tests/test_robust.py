@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from urdfcal.calibration import fit
-from urdfcal.fit_result import rms_mm
+from urdfcal.error_table import rms_mm
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.robot import Robot

@@ -15,7 +15,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from urdfcal.calibration import Calibration, evaluate, fit
-    from urdfcal.calibration_file import StoredCalibration
+    from urdfcal.calibration_file import StoredCalibration, apply
     from urdfcal.calibration_file import read_calibration as load_calibration
     from urdfcal.errors import FitRejected, InputError, UrdfcalError
     from urdfcal.gauge import ModelOptions
@@ -28,6 +28,7 @@ _HOME = {
     "evaluate": "calibration",
     "fit": "calibration",
     "StoredCalibration": "calibration_file",
+    "apply": "calibration_file",
     "load_calibration": "calibration_file",
     "FitRejected": "errors",
     "InputError": "errors",
@@ -54,6 +55,7 @@ __all__ = [
     "Robot",
     "StoredCalibration",
     "UrdfcalError",
+    "apply",
     "evaluate",
     "fit",
     "load_calibration",

@@ -6,18 +6,21 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from urdfcal.arm_scale import with_scale
 from urdfcal.calibration_file import calibration_yaml
-from urdfcal.corrections import corrected_model
+from urdfcal.corrections import applied
 from urdfcal.ekf import Belief, Estimate
 from urdfcal.error_model import ErrorModel, PriorScale, matching
+from urdfcal.error_table import SpotTable, error_table
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence
 from urdfcal.files import write_whole
-from urdfcal.fit_result import FitResult, SpotTable, spot_table
+from urdfcal.fit_result import FitResult
+from urdfcal.formats import Deployed
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Vector
 from urdfcal.hypotheses import best_hypothesis
@@ -25,14 +28,18 @@ from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.measurements import Measurements
 from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior
 from urdfcal.model_warnings import model_warnings
-from urdfcal.noise import LEAST_FREEDOM, START_SPOT_SIGMA, Linearisation, Noise
+from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
+from urdfcal.nominal import nominal_fit, with_new_places
 from urdfcal.report import text_report
-from urdfcal.robot import Robot
+from urdfcal.robot import Robot, robot_from
 from urdfcal.robust import robust_scale, squared_distances
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
 from urdfcal.start import Start, find_start
 from urdfcal.urdf_writer import with_origins
+
+if TYPE_CHECKING:
+    from urdfcal.viewer import View
 
 _CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
@@ -42,13 +49,23 @@ _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not tak
 class Calibration(FitResult):
     """What a fit found, and what can be done with it."""
 
-    def apply_to(self, model: Any) -> Any:
-        """A corrected copy of a Pinocchio model of this robot, with or without the rig; for a controller.
+    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
+        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
+
+        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
+        URDF had been read, so the corrected model costs what the nominal one costs.
+
+        Args:
+            model: `pin.Model`; left unchanged.
+            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
+
+        Returns:
+            The corrected model; with geometry models the tuple (model, *geometry_models).
 
         Raises:
-            RobotError: the model lacks a joint that was calibrated.
+            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
         """
-        return corrected_model(model, self.corrections)
+        return applied(model, geometry_models, self.corrections)
 
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""
@@ -58,9 +75,25 @@ class Calibration(FitResult):
         """The robot's text with corrected origins."""
         return with_origins(self.robot.description, {name: correction.corrected for name, correction in self.corrections.items()})
 
+    def deployed(self, rng: np.random.Generator | None = None) -> Deployed:
+        """The calibration in the forms that people deploy: `.content("origins-yaml")` and so on.
+
+        Args:
+            rng: For the configurations over which joint offsets alone are judged; seeded by default.
+        """
+        origins = {name: correction.corrected for name, correction in self.corrections.items()}
+        return Deployed(self.robot, origins, rng or np.random.default_rng(0))
+
     def write_urdf(self, path: str | Path) -> None:
         """Write the calibrated URDF, whole or not at all."""
         write_whole(path, self.urdf())
+
+    def show(self, magnify: float | None = None) -> View:
+        """Robot, beams and fitted spots before and after, to look at: at the end of a notebook's cell, or by `serve()` in a browser."""
+        from urdfcal.viewer import view_of
+
+        corrected = robot_from(replace(self.robot.description, text=self.urdf()), screen=self.robot.screen, lasers=self.robot.lasers)
+        return view_of(self.robot, self.data, corrected, magnify)
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""
@@ -129,17 +162,20 @@ def fit(
         ShapeMismatch: the data belong to another robot.
     """
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
+    robot = as_measured(robot, data)
     _check(robot, data, spot_sigma)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
-    errors = build_error_model(robot.chain, robot.rig, options, sessions)
-    stated = spot_sigma is not None or _all_stated(fit_set)
-    noise = Noise(spot_sigma or _typical_sigma(fit_set), joint_sigmas(robot, joint_sigma), stated)
+    errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), data)
+    noise = _noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
+    nominal = nominal_fit(errors, fit_set, noise)
+    errors = nominal.errors
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
-    prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(errors.mean, errors)
+    prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
+    method = replace(method, start=nominal.x)
     found = method.run(model, prior, noise)
-    if not (method.label == "ekf, paper" or _explains(model, found, noise)):
+    if fit_set.lasers and not (method.label == "ekf, paper" or _explains(model, found, noise)):
         begun = _begin(model, noise, sane)
         errors, method = begun.errors, replace(method, start=begun.x)
         model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
@@ -160,10 +196,11 @@ def fit(
         errors=errors,
         estimate=found,
         identifiability=seen,
-        before=evaluate(robot, fit_set),
+        before=nominal.table(fit_set),
+        nominal=nominal,
         outliers=clean.outliers,
         evidence=chosen,
-        after=spot_table(fit_set, fit_set.spots - here.residual.reshape(fit_set.spots.shape)),
+        after=error_table(here, len(fit_set)),
         test=None,
         chi_squared=misfit,
         data=fit_set,
@@ -173,6 +210,7 @@ def fit(
         warnings=(
             *data.warnings,
             *model_warnings(robot, errors, options),
+            *((no_scale,) if no_scale else ()),
             *((begun.message,) if begun.message else ()),
             *_few_spots(noise, freedom),
             *_disagreement(found.noise, misfit, freedom),
@@ -181,14 +219,31 @@ def fit(
     return calibration if test_set is None else with_test(calibration, test_set)
 
 
-def evaluate(robot: Robot, data: Measurements) -> SpotTable:
-    """Spot distances of a robot as its URDF has it."""
-    return spot_table(data, _nominal(robot, data).predict(np.empty(0))[0])
+def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = None) -> SpotTable:
+    """Distances of a robot as its URDF has it; where targets were measured, from measuring frames and offsets that suit it best.
+
+    Args:
+        robot: The robot.
+        data: The measurements.
+        options: Of which only what concerns the instruments matters.
+    """
+    robot = as_measured(robot, data)
+    errors = build_error_model(robot.chain, robot.rig, options, data.session_names or ("",)) if data.readings else _bare(robot, data)
+    return nominal_fit(errors, data, _noise_of(data, None, np.zeros(len(robot.chain.inputs)))).table(data)
+
+
+def as_measured(robot: Robot, data: Measurements) -> Robot:
+    """The robot with the instruments that some measurements were made with."""
+    return robot.seen_by(data.instruments, robot.lasers if data.lasers else ()) if data.readings else robot
+
+
+def _bare(robot: Robot, data: Measurements) -> ErrorModel:
+    return ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",))
 
 
 def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
-    _, length = _nominal(robot, data).predict(np.empty(0))
+    _, length = SpotModel(_bare(robot, data), data).predict(np.empty(0))
     with np.errstate(invalid="ignore"):
         lost = data.seen & ~((length > 0) & np.isfinite(length))
     if not lost.any():
@@ -198,10 +253,6 @@ def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
         f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
         f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
     )
-
-
-def _nominal(robot: Robot, data: Measurements) -> SpotModel:
-    return SpotModel(ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",)), data)
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
@@ -215,8 +266,9 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
         raise UsageError(
             f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
         )
-    predicted, _ = SpotModel(calibration.errors, test).predict(calibration.x)
-    return replace(calibration, test=(evaluate(calibration.robot, test), spot_table(test, predicted)), test_data=test)
+    test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
+    after = error_table(SpotModel(test_errors, test).linearise(x), len(test))
+    return replace(calibration, test=(calibration.nominal.table(test), after), test_data=test)
 
 
 def laid_over(
@@ -240,7 +292,7 @@ def laid_over(
 
 def _disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
     """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
-    if not noise.stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
+    if not noise.all_stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
         return ()
     times = np.sqrt(misfit)
     return (
@@ -250,7 +302,7 @@ def _disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...
 
 
 def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
-    if noise.stated or freedom >= LEAST_FREEDOM:
+    if noise.all_stated or freedom >= LEAST_FREEDOM:
         return ()
     return (
         f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
@@ -261,7 +313,7 @@ def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
 def _explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
     """Whether a fit from the prior put most spots where they were seen, so that neither the start nor the data need a second look."""
     distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
-    near = max(_NEAR, 3 * noise.spot_sigma if noise.stated else 0.0)
+    near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
     return found.converged and bool(np.nanmedian(distance) < near)
 
 
@@ -323,8 +375,8 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
         UsageError: nothing is left to fit, or test poses come from both.
     """
     fit_set, marked = data.split()
-    if not fit_set.seen.any():
-        raise UsageError("no pose is left to fit: every row with a spot is marked as test")
+    if fit_set.empty:
+        raise UsageError("no pose is left to fit: every row with a measurement is marked as test")
     if test is not None and len(marked):
         raise UsageError("the measurements mark test poses in their 'set' column, and other test poses were given; use one of the two")
     return fit_set, test if test is not None else marked if len(marked) else None
@@ -337,15 +389,17 @@ def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -
     return noise.chi_squared(here) / max(freedom, 1.0)
 
 
-def _typical_sigma(data: Measurements) -> float:
-    """The root mean square of the spots' own stated noise; where any spot states none, the start value, [m]."""
-    if not _all_stated(data):
-        return START_SPOT_SIGMA
-    return float(np.sqrt(np.mean(data.sigma[data.seen] ** 2)))
-
-
-def _all_stated(data: Measurements) -> bool:
-    return bool(np.isfinite(data.sigma[data.seen]).all())
+def _noise_of(data: Measurements, spot_sigma: float | None, joint_sigma: Vector) -> Noise:
+    """Noise of every kind of measurement: as stated on the command line, with the measurements, or where its estimation starts."""
+    sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
+    for kind, name in enumerate(kinds_of(data)):
+        of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
+        own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
+        if name == "spot" and spot_sigma is not None:
+            sigma[kind], stated[kind] = spot_sigma, True
+        elif len(own) and np.isfinite(own).all():
+            sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
+    return Noise(sigma, joint_sigma, stated)
 
 
 def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:

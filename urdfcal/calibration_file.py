@@ -15,15 +15,15 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from urdfcal import __version__
-from urdfcal.corrections import OriginCorrection, corrected_model
+from urdfcal.corrections import OriginCorrection, applied, same_origin
+from urdfcal.error_table import SpotTable
 from urdfcal.errors import CalibrationFileError, did_you_mean
 from urdfcal.files import read_yaml
-from urdfcal.fit_result import FitResult, SpotTable
+from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
 from urdfcal.urdf_tree import FARTHEST
 
-_SAME = 1e-6  # [mm] and [mrad]: closer than that two origins are the same
 Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 Triple = tuple[Finite, Finite, Finite]
 
@@ -69,13 +69,23 @@ class StoredCalibration:
     path: Path
     corrections: dict[str, OriginCorrection]
 
-    def apply_to(self, model: Any) -> Any:
-        """A corrected copy of a Pinocchio model.
+    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
+        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
+
+        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
+        URDF had been read, so the corrected model costs what the nominal one costs.
+
+        Args:
+            model: `pin.Model`; left unchanged.
+            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
+
+        Returns:
+            The corrected model; with geometry models the tuple (model, *geometry_models).
 
         Raises:
-            RobotError: the model lacks a joint that was calibrated.
+            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
         """
-        return corrected_model(model, self.corrections)
+        return applied(model, geometry_models, self.corrections)
 
     def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
         """The origins to write into a robot description that may have changed elsewhere.
@@ -103,9 +113,9 @@ class StoredCalibration:
                 missing.append(name)
                 continue
             origin = present[name].origin
-            if _same(origin, correction.nominal):
+            if same_origin(origin, correction.nominal):
                 origins[name] = correction.corrected
-            elif _same(origin, correction.corrected):
+            elif same_origin(origin, correction.corrected):
                 already += 1
             elif force:
                 origins[name] = origin * correction.delta
@@ -116,13 +126,32 @@ class StoredCalibration:
                     f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
                     self.path,
                 )
-        if already and all(_same(self.corrections[name].nominal, origin) for name, origin in origins.items()):
+        if already and all(same_origin(self.corrections[name].nominal, origin) for name, origin in origins.items()):
             raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
         if not origins:
             raise CalibrationFileError(
                 f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path
             )
         return origins, missing
+
+
+def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:
+    """Corrected copies of a Pinocchio model and of its geometry models, by a fit, a stored calibration or the path of one.
+
+    Args:
+        model: `pin.Model` of the robot; left unchanged.
+        calibration: What `fit` or `load_calibration` gave, or a file that `urdfcal fit` wrote.
+        geometry_models: `pin.GeometryModel`s of it; left unchanged.
+
+    Returns:
+        The corrected model; with geometry models the tuple (model, *geometry_models).
+
+    Raises:
+        CalibrationFileError: the file is no calibration.
+        RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
+    """
+    found = read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+    return applied(model, geometry_models, found.corrections)
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
@@ -143,7 +172,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
         },
         "noise": {
             "spot_sigma_mm": noise.spot_sigma / MM,
-            "spot_sigma_stated": noise.stated,
+            "spot_sigma_stated": noise.all_stated,
             "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
         },
         "joints": joint_entries(calibration.corrections),
@@ -266,11 +295,7 @@ def _origin(placement: SE3) -> dict[str, list[float]]:
 
 
 def _table(table: SpotTable) -> dict[str, Any]:
-    return {laser: asdict(row) for laser, row in table.items()}
-
-
-def _same(a: SE3, b: SE3) -> bool:
-    return max(distance_mm_mrad(a, b)) < _SAME
+    return {name: row.entry() for name, row in table.items()}
 
 
 def _yaml(comment: str, content: Mapping[str, Any]) -> bytes:

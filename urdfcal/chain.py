@@ -6,6 +6,7 @@ order. So a screen on the wall and a screen in the gripper are the same case to 
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -28,6 +29,21 @@ class Step:
 
 
 @dataclass(frozen=True)
+class ChainFrame:
+    """A frame that is rigidly joined to a body of the way: a target, or the frame that targets are seen in.
+
+    Attributes:
+        name: Of the target, or of the reference link.
+        depth: How many moving joints of the way have been passed when its body is reached.
+        steps: Joints from behind the last motion to its link; the first one may be the moving joint, walked against its direction.
+    """
+
+    name: str
+    depth: int
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
 class Chain:
     """The way from screen to module and on to the lasers.
 
@@ -37,6 +53,7 @@ class Chain:
         inputs: The joints that a measurement states, in order of the way; mimic joints are replaced by their leaders.
         coupling: (inputs, moving): chain positions are `q @ coupling + offset`; -1 where a joint is walked backward.
         offset: (moving,), from mimic joints.
+        frames: The frame that targets are seen in, then the targets; empty where there are lasers alone.
     """
 
     steps: tuple[Step, ...]
@@ -44,6 +61,7 @@ class Chain:
     inputs: tuple[UrdfJoint, ...]
     coupling: Matrix
     offset: Vector
+    frames: tuple[ChainFrame, ...] = ()
 
     @cached_property
     def moving(self) -> tuple[Step, ...]:
@@ -117,11 +135,38 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         coupling[list(inputs).index(joint.name), column] = sign * multiplier
         offset[column] = sign * shift
     lasers = tuple(tuple(_below(tree, rig.module, laser)) for laser in rig.lasers)
-    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset)
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, tuple(_frames(tree, rig, steps)))
+
+
+def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFrame]:
+    """The measuring frame and the targets, each on the body of the way that carries it.
+
+    Raises:
+        RigError: one of them is on no body of the way.
+    """
+    bodies: dict[str, tuple[int, str, tuple[Step, ...]]] = {tree.moving_link(rig.screen): (0, rig.screen, ())}
+    for depth, step in enumerate((step for step in steps if step.joint.moves), start=1):
+        link = step.joint.child if step.forward else step.joint.parent
+        bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
+    instruments = rig.instruments
+    named = [(instruments.reference, instruments.reference), *((target.name, target.link) for target in instruments.targets)]
+    for name, link in named if instruments.targets else ():
+        if tree.moving_link(link) not in bodies:
+            raise RigError(
+                f"'{link}' is not on the way from '{rig.screen}' to '{rig.module}'; targets and what they are measured from must lie "
+                "on one chain of joints; calibrate the branches one after the other",
+                tree.label,
+            )
+        depth, start, tail = bodies[tree.moving_link(link)]
+        yield ChainFrame(name, depth, (*tail, *_between(tree, start, link)))
 
 
 def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:
-    up, down = tree.path_from_root(rig.screen), tree.path_from_root(rig.module)
+    return _between(tree, rig.screen, rig.module)
+
+
+def _between(tree: UrdfTree, start: str, end: str) -> tuple[Step, ...]:
+    up, down = tree.path_from_root(start), tree.path_from_root(end)
     shared = 0
     while shared < min(len(up), len(down)) and up[shared] is down[shared]:
         shared += 1

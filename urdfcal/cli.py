@@ -11,9 +11,14 @@ from typing import NoReturn
 import typer
 
 from urdfcal.commands.apply_command import apply
+from urdfcal.commands.camera_command import camera, markers
 from urdfcal.commands.fit_command import fit
 from urdfcal.commands.look_commands import check, dh, evaluate
+from urdfcal.commands.module_command import module
+from urdfcal.commands.render_command import render
 from urdfcal.commands.simulate_commands import paper, simulate
+from urdfcal.commands.spots_command import spots
+from urdfcal.commands.view_command import view
 from urdfcal.errors import FitRejected, UrdfcalError
 
 app = typer.Typer(
@@ -26,7 +31,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, evaluate, check, dh, simulate, apply, paper):
+for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
     app.command()(_command)
 
 

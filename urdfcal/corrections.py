@@ -49,6 +49,16 @@ def same_origin(a: SE3, b: SE3) -> bool:
     return max(distance_mm_mrad(a, b)) < SAME
 
 
+def applied(model: Any, geometry_models: Sequence[Any], corrections: Mapping[str, OriginCorrection]) -> Any:
+    """The corrected model alone or, where geometry models come with it, the tuple of all: what `apply_to` gives back.
+
+    Raises:
+        RobotError: as for `corrected_models`.
+    """
+    corrected = corrected_models(model, geometry_models, corrections)
+    return corrected if geometry_models else corrected[0]
+
+
 def corrected_model(model: Any, corrections: Mapping[str, OriginCorrection]) -> Any:
     """A copy of a Pinocchio model with corrected joints, frames and inertias: what reading the calibrated URDF would give.
 
@@ -84,14 +94,12 @@ def _require_joints(model: Any, corrections: Mapping[str, OriginCorrection]) -> 
     if not missing:
         return
     joints = list(model.names)[1:]
-    listed = ", ".join(f"'{name}'" for name in missing)
-    raise RobotError(
-        f"the model has no joint {listed}, which {'was' if len(missing) == 1 else 'were'} calibrated{_hint(missing[0], joints)}"
-    )
+    listed, were = ", ".join(f"'{name}'" for name in missing), "was" if len(missing) == 1 else "were"
+    raise RobotError(f"the model has no joint {listed}, which {were} calibrated{_hint(missing[0], joints)}")
 
 
 def _hint(name: str, joints: list[str]) -> str:
-    return did_you_mean(name, joints) or f"; it has {len(joints)} joints, '{joints[0]}' to '{joints[-1]}'"
+    return did_you_mean(name, joints) or f"; there are {len(joints)}: {', '.join(joints[:6])} ..."
 
 
 def _is_joint(frame: Any) -> bool:
@@ -113,8 +121,9 @@ class _Shifts:
         for index, frame in enumerate(self.frames):
             if self.of_frame[index] is not None:
                 result.frames[index].placement = self.of_frame[index] * frame.placement
+                was = _after(self.with_lock[index], frame.placement)
                 inertia = result.inertias[frame.parentJoint]
-                result.inertias[frame.parentJoint] = _exchanged(inertia, frame, result.frames[index].placement)
+                result.inertias[frame.parentJoint] = _exchanged(inertia, frame.inertia, was, result.frames[index].placement)
         return result
 
     def moved_geometry(self, geometry: Any) -> Any:
@@ -161,6 +170,23 @@ class _Shifts:
                 shift = _behind(shift, self.frames[above].placement, self.corrections[frame.name])
         found[index] = shift
         return shift
+
+    @cached_property
+    def with_lock(self) -> list[SE3 | None]:
+        """How far each frame's inertia has moved with that of the locked joint in front of it, which holds all that is behind."""
+        found: list[SE3 | None] = []
+        for index, frame in enumerate(self.frames):
+            above = frame.parentFrame
+            rigid = frame.type != pin.FrameType.JOINT and above < index and self.frames[above].parentJoint == frame.parentJoint
+            locked_above = rigid and self._is_locked(above)
+            found.append(self.of_frame[above] if locked_above else found[above] if rigid else None)
+        return found
+
+    def _is_locked(self, index: int) -> bool:
+        frame = self.frames[index]
+        correction = self.corrections.get(frame.name)
+        fixed = frame.type == pin.FrameType.FIXED_JOINT and index > 0
+        return fixed and (frame.parentFrame == index or (correction is not None and correction.moving))
 
     def _link_above(self, index: int, found: dict[int, SE3 | None]) -> int:
         """The link that a joint locked by `pin.buildReducedModel` hangs on, which the reduced model no longer says.
@@ -227,9 +253,9 @@ def _after(shift: SE3 | None, placement: SE3) -> SE3:
     return placement if shift is None else shift * placement
 
 
-def _exchanged(whole: Any, frame: Any, moved: SE3) -> Any:
-    """A joint's inertia with one frame's part of it moved; ten dynamic parameters, in which sums are linear."""
-    if not frame.inertia.mass > 0:
+def _exchanged(whole: Any, part: Any, was: SE3, now: SE3) -> Any:
+    """A joint's inertia with one part of it moved; ten dynamic parameters, in which sums are linear."""
+    if not part.mass > 0:
         return whole
-    was, now = (place.act(frame.inertia).toDynamicParameters() for place in (frame.placement, moved))
-    return pin.Inertia.FromDynamicParameters(whole.toDynamicParameters() + now - was)
+    change = now.act(part).toDynamicParameters() - was.act(part).toDynamicParameters()
+    return pin.Inertia.FromDynamicParameters(whole.toDynamicParameters() + change)

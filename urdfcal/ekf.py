@@ -154,7 +154,7 @@ def iterated_schedule(
     belief, history = Belief(x, prior.P), [Sweep(x, np.nan, here.rms)]
     if not here.usable:
         return Estimate(belief, here.trouble, noise, history)
-    settled, last = noise.stated, 0.0
+    settled, last = noise.all_stated, 0.0
     for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
         weights = noise.weights(here)
         H, residual = weights.jacobian(here), weights.residual(here)
@@ -166,7 +166,7 @@ def iterated_schedule(
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
         if not settled and sigmas < _NEARLY:
-            better = noise.estimated(here, _degrees_of_freedom(here, rows, belief))
+            better = noise.estimated(here, degrees_of_freedom(here, H, belief))
             settled, noise, last = better.close_to(noise), better, 0.0
         elif left < tolerance or np.abs(step).max() < _STANDSTILL:
             return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
@@ -221,9 +221,13 @@ def paper_schedule(
     return Estimate(belief, "max_sweeps", noise, history)
 
 
-def _degrees_of_freedom(here: Linearisation, rows: Matrix, belief: Belief) -> float:
-    """Measurements less the parameters that they, and not the prior, decide: n - tr(P H'H)."""
-    return here.count - float(np.sum((rows @ belief.P) * rows))
+def degrees_of_freedom(here: Linearisation, H: Matrix, belief: Belief) -> Vector:
+    """Measurements of each kind less the parameters that they, and not the prior, decide: n - tr(P H'H), (kinds,)."""
+    counts = here.counts
+    if len(counts) == 1:
+        return counts - float(np.sum(belief.P * (H.T @ H)))
+    leverage = np.sum((H @ belief.P) * H, axis=1).reshape(here.residual.shape).sum(axis=0)
+    return counts - np.bincount(here.kinds, leverage, minlength=len(counts))
 
 
 def _damped(

@@ -41,7 +41,12 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "mount": PriorScale(20 * MM, 2 * DEG),
     "screen": PriorScale(100 * MM, 5 * DEG),
     "beam": PriorScale(5 * MM, 1 * DEG),
+    "reference": PriorScale(1.0, 1.0),
+    "target": PriorScale(1.0, 1.0),
+    "place": PriorScale(1.0, 1.0),
 }
+SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
+INSTRUMENTS = ("reference", "target", "place")  # what moves no beam
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,8 @@ class Placements:
         joints: Placement of each moving joint behind the one before it.
         module: Module behind the last moving joint.
         lasers: Each laser behind the last moving joint.
+        frames: Each of the chain's frames behind the moving joint that carries it.
+        moves: Which parameters move each of those frames against the screen, (frames, p).
         anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
         screws: (6, p) those screws, signed for the motion of the module against the screen.
     """
@@ -78,12 +85,14 @@ class Placements:
     joints: list[SE3]
     module: SE3
     lasers: list[SE3]
+    frames: list[SE3]
+    moves: Any
     anchors: Any
     screws: Matrix
 
     def still(self) -> Placements:
         """The same constants without the screws, for predictions that need no derivative."""
-        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0])
+        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0], moves=self.moves[:, :0])
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,8 @@ class ErrorModel:
         held: Slot parameters that are not estimated and differ from nothing: name -> value.
         carried: Parameters that the gauge rule leaves out: name -> what carries them.
         sessions: Session labels; the first one's screen is the URDF's.
+        planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
+        held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
     """
 
     chain: Chain
@@ -105,6 +116,8 @@ class ErrorModel:
     held: Mapping[str, float] = field(default_factory=dict)
     carried: Mapping[str, str] = field(default_factory=dict)
     sessions: tuple[str, ...] = ("",)
+    planes: Mapping[str, Matrix] = field(default_factory=dict)
+    held_sum: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -132,7 +145,8 @@ class ErrorModel:
         ways = [{joint.child for joint in joints} for joints in self.chain.laser_joints]
         carriers = [parameter.name.rsplit(".", 1)[0] if parameter.kind == "beam" else "" for parameter in self.parameters]
         moves = np.array([[not carrier or carrier in way for carrier in carriers] for way in ways], dtype=bool)
-        return moves.reshape(len(ways), len(carriers))
+        beside = np.array([parameter.kind in INSTRUMENTS for parameter in self.parameters], dtype=bool)
+        return moves.reshape(len(ways), len(carriers)) & ~beside
 
     def check(self, x: Vector) -> Vector:
         """X as an array of floats, if it fits.
@@ -157,11 +171,16 @@ class ErrorModel:
 
     def placements(self, x: Vector, session: str = "") -> Placements:
         """Walk the way from screen to lasers with every slot at x."""
-        walk = _Walk(len(self.parameters))
-        values = self.slot_values(x, session)
-        module = walk.along(self._way, self.slots, values, self._columns[session])
-        lasers = [walk.along(way, self.slots, values, self._columns[session], start=module) for way in self._laser_ways]
-        return Placements(walk.edges, module, lasers, walk.anchors, walk.screws)
+        walk = _Walk(len(self.parameters), self.slots, self.slot_values(x, session), self._columns[session], session)
+        module = walk.along(self._way)
+        on_way = walk.passed.copy()
+        lasers = [walk.along(way, start=module) for way in self._laser_ways]
+        frames, moves = [], np.zeros((len(self._frame_ways), len(self.parameters)), dtype=bool)
+        for row, (frame, way) in enumerate(zip(self.chain.frames, self._frame_ways, strict=True)):
+            walk.passed[:] = False
+            frames.append(walk.along(way, start=pin.SE3.Identity(), depth=frame.depth))
+            moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
+        return Placements(walk.edges, module, lasers, frames, moves, walk.anchors, walk.screws)
 
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
@@ -198,9 +217,26 @@ class ErrorModel:
             for way in self.chain.laser_joints
         ]
 
+    @cached_property
+    def _frame_ways(self) -> list[list[_Station]]:
+        """From behind the motion that carries it to each of the chain's frames."""
+        ways = []
+        for index, frame in enumerate(self.chain.frames):
+            way: list[_Station] = []
+            for step in frame.steps:
+                before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
+                if step.forward:
+                    way += [*before, _Station(constant=step.joint.origin), *behind]
+                else:
+                    way += [*_inverse(behind), _Station(constant=step.joint.origin.inverse()), *_inverse(before)]
+            ways.append(way + [_Station(slot=number) for number, slot in enumerate(self.slots) if slot.frame == index])
+        return ways
+
     def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:
         return [
-            _Station(slot=index) for index, slot in enumerate(self.slots) if (slot.joint, slot.before) == (joint, before) and slot.names
+            _Station(slot=index)
+            for index, slot in enumerate(self.slots)
+            if (slot.joint, slot.before) == (joint, before) and slot.names and slot.frame is None
         ]
 
     def corrected_origins(self, x: Vector) -> dict[str, SE3]:
@@ -218,6 +254,8 @@ class ErrorModel:
         touched = {slot.joint for slot in self.slots if self._has_estimated(slot)}
         origins: dict[str, SE3] = {}
         for slot, delta in zip(self.slots, deltas, strict=True):
+            if slot.frame is not None:
+                continue
             if slot.joint is None and self._has_estimated(slot):
                 origins |= self._on_each_laser(delta, origins)
             elif slot.joint in touched and slot.joint is not None:
@@ -236,7 +274,7 @@ class ErrorModel:
 
     def _slot_names(self, session: str) -> list[str]:
         suffix = f":{session}" if session != self.sessions[0] else ""
-        return [f"{slot.label}{suffix if slot.kind == 'screen' else ''}.{name}" for slot in self.slots for name in slot.names]
+        return [f"{slot.label}{suffix if slot.kind in SESSION_KINDS else ''}.{name}" for slot in self.slots for name in slot.names]
 
 
 @dataclass(frozen=True)
@@ -259,41 +297,41 @@ def _inverse(stations: list[_Station]) -> list[_Station]:
 class _Walk:
     """Collects the placements between motions, and the screw of every parameter in the frame behind the last motion."""
 
-    def __init__(self, parameters: int) -> None:
+    def __init__(
+        self, parameters: int, slots: Sequence[Slot], values: Sequence[Vector], columns: Sequence[tuple[Any, Vector]], session: str
+    ) -> None:
+        self.slots, self.values, self.columns, self.session = slots, values, columns, session
         self.edges: list[SE3] = []
         self.anchors = np.zeros(parameters, dtype=int)
         self.screws = np.zeros((6, parameters))
+        self.passed = np.zeros(parameters, dtype=bool)
 
-    def along(
-        self,
-        way: Iterable[_Station],
-        slots: Sequence[Slot],
-        values: Sequence[Vector],
-        columns: Sequence[tuple[Any, Vector]],
-        start: SE3 | None = None,
-    ) -> SE3:
-        """Walk from a placement behind the last motion; gives back the placement reached."""
+    def along(self, way: Iterable[_Station], start: SE3 | None = None, depth: int | None = None) -> SE3:
+        """Walk from a placement behind the last motion, or behind the one at some depth; gives back the placement reached."""
         edge = pin.SE3.Identity() if start is None else start
         for station in way:
             if station.constant is not None:
                 edge = edge * station.constant
             elif station.slot >= 0:
-                slot = slots[station.slot]
-                edge = self.pass_slot(edge, slot.motions, values[station.slot], columns[station.slot][0], station.inverted)
+                edge = self.pass_slot(edge, station.slot, station.inverted, len(self.edges) if depth is None else depth)
             else:
                 self.edges.append(edge)
                 edge = pin.SE3.Identity()
         return edge
 
-    def pass_slot(self, edge: SE3, screws: Sequence[Any], value: Vector, columns: Any, inverted: bool) -> SE3:
+    def pass_slot(self, edge: SE3, number: int, inverted: bool, depth: int) -> SE3:
         """Move along each screw in turn; its twist, seen from the last motion, is Ad(edge) screw, and minus that for an inverse."""
-        sign = 1.0
+        slot, value, columns = self.slots[number], self.values[number], self.columns[number][0]
+        screws, sign = slot.motions, 1.0
+        if self.session in slot.found:
+            edge = edge * slot.found[self.session]  # a frame that was found is never walked backward
         if inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
             screws, value, columns, sign = screws[::-1], value[::-1], columns[::-1], -1.0
         for screw, coordinate, column in zip(screws, value.tolist(), columns.tolist(), strict=True):
             if column >= 0:
-                self.anchors[column] = len(self.edges)
+                self.anchors[column] = depth
                 self.screws[:, column] = sign * edge.act(screw).vector
+                self.passed[column] = True
             if coordinate:
                 edge = edge * pin.exp6(screw * (sign * coordinate))
         return edge
@@ -301,7 +339,7 @@ class _Walk:
 
 def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
     """Every parameter of some slots, joints first, then mount, screen and beams."""
-    order: dict[Kind, int] = {"joint": 0, "mount": 1, "screen": 2, "beam": 3}
+    order: dict[Kind, int] = {"joint": 0, "mount": 1, "target": 1, "screen": 2, "reference": 2, "beam": 3}
     return [
         Parameter(f"{slot.label}.{name}", unit, slot.kind, 0.0, priors[slot.kind].sigma(unit))
         for slot in sorted(slots, key=lambda slot: order[slot.kind])

@@ -36,11 +36,11 @@ class Evidence:
 
     Attributes:
         scales: Prior standard deviation of each group, [m] and [rad].
-        spot_sigma: Noise of a spot coordinate, [m].
+        noise: Noise that was chosen with them.
     """
 
     scales: dict[str, float]
-    spot_sigma: float
+    noise: Noise
 
 
 def group_of(parameter: Parameter) -> str:
@@ -66,16 +66,16 @@ def by_evidence(
         The error model with the chosen priors, the fit under them, and the scales.
     """
     groups = ["" if parameter.name in keep else group_of(parameter) for parameter in errors.parameters]
-    found, scales, spot = first, dict(START_SCALES), first.noise.spot_sigma
+    found, scales, chosen = first, dict(START_SCALES), replace(first.noise, stated=noise.stated)
     for _ in range(_ROUNDS):
-        before = np.array([*scales.values(), spot])
-        scales, spot = _chosen(linearise, errors, groups, replace(noise, spot_sigma=spot), found.belief.x, scales)
+        before = np.array([*scales.values(), *chosen.sigma])
+        scales, chosen = _chosen(linearise, errors, groups, chosen, found.belief.x, scales)
         errors = _with_scales(errors, groups, scales)
         prior = Belief(errors.mean, np.diag(errors.sigma**2))
-        found = iterated_schedule(linearise, prior, replace(noise, spot_sigma=spot, stated=True), start=found.belief.x)
-        if np.max(np.abs(np.array([*scales.values(), spot]) / before - 1)) < _REST:
+        found = iterated_schedule(linearise, prior, replace(chosen, stated=True), start=found.belief.x)
+        if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break
-    return errors, replace(found, noise=replace(found.noise, stated=noise.stated)), Evidence(scales, spot)
+    return errors, replace(found, noise=chosen), Evidence(scales, chosen)
 
 
 def _with_scales(errors: ErrorModel, groups: Sequence[str], scales: dict[str, float]) -> ErrorModel:
@@ -87,29 +87,55 @@ def _with_scales(errors: ErrorModel, groups: Sequence[str], scales: dict[str, fl
 
 def _chosen(
     linearise: Linearise, errors: ErrorModel, groups: Sequence[str], noise: Noise, x: Vector, scales: dict[str, float]
-) -> tuple[dict[str, float], float]:
+) -> tuple[dict[str, float], Noise]:
     """MacKay's fixed point at one linearisation."""
-    here = linearise(x)
-    weights = noise.weights(here)
-    J, r = weights.jacobian(here), weights.residual(here)
-    y = r + J @ (x - errors.mean)
-    A, b, c, n = J.T @ J, J.T @ y, float(y @ y), here.count
+    sums = _sums(linearise, noise, x, errors.mean)
     members = {group: np.array([own == group for own in groups]) for group in scales}
-    factor, scales = 1.0, dict(scales)
+    A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
+    factor, scales = np.ones(len(sums)), dict(scales)
+    fixed = noise.stated | (np.array([each.count for each in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
         sigma = np.array([scales[group] if group else parameter.sigma for group, parameter in zip(groups, errors.parameters, strict=True)])
-        P = np.linalg.inv(A / factor**2 + np.diag(1 / sigma**2))
-        dx = P @ b / factor**2
+        P = np.linalg.inv(np.tensordot(factor**-2, A, 1) + np.diag(1 / sigma**2))
+        dx = P @ (factor**-2 @ b)
         decided = 1 - np.diag(P) / sigma**2
-        last = np.array([*scales.values(), factor])
+        last = np.array([*scales.values(), *factor])
         for group, own in members.items():
             if own.any():
                 scales[group] = _scale(dx[own], decided[own], START_SCALES[group])
-        if not noise.stated:
-            factor = float(np.sqrt(max(c - 2 * b @ dx + dx @ A @ dx, 1e-12 * c) / max(n - decided.sum(), 1.0)))
-        if np.max(np.abs(np.array([*scales.values(), factor]) / last - 1)) < _REST / 10:
+        own_factors = np.array([each.factor(dx, P, size) for each, size in zip(sums, factor, strict=True)])
+        factor = np.asarray(np.where(fixed, factor, own_factors))
+        if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:
             break
-    return scales, noise.times(factor).spot_sigma
+    return scales, noise.times(factor)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """What one kind of measurement contributes, whitened by the noise assumed: J'J, J'y, y'y and how many numbers."""
+
+    A: Matrix
+    b: Vector
+    c: float
+    count: float
+
+    def factor(self, dx: Vector, P: Matrix, size: float) -> float:
+        """How many times larger its noise is, by the misfit over its degrees of freedom."""
+        freedom = self.count - float(np.sum(P * self.A)) / size**2
+        misfit = self.c - 2 * self.b @ dx + dx @ self.A @ dx
+        return float(np.sqrt(max(misfit, 1e-12 * self.c) / max(freedom, 1.0)))
+
+
+def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
+    here = linearise(x)
+    weights = noise.weights(here)
+    J, r = weights.jacobian(here), weights.residual(here)
+    y, counts = r + J @ (x - mean), here.counts
+    if len(counts) == 1:
+        return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0]))]
+    kinds = np.tile(here.kinds, len(here.residual))
+    own = [kinds == kind for kind in range(len(counts))]
+    return [_Sums(J[k].T @ J[k], J[k].T @ y[k], float(y[k] @ y[k]), float(count)) for k, count in zip(own, counts, strict=True)]
 
 
 def _scale(dx: Vector, decided: Matrix, start: float) -> float:

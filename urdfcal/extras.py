@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.fit_result import FitResult, rms_mm
+from urdfcal.error_table import rms_mm
+from urdfcal.fit_result import FitResult
 from urdfcal.prediction import base_link, tool_sigma
 from urdfcal.report import spot_table_block, table_json
 from urdfcal.robot import Robot

@@ -10,28 +10,17 @@ import numpy as np
 from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
 from urdfcal.error_model import ErrorModel
+from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
-from urdfcal.geometry import MM, Array3, Matrix, Vector
+from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
+from urdfcal.nominal import NominalFit
 from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
 
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
-
-
-@dataclass(frozen=True)
-class SpotErrors:
-    """Distances between measured and predicted spots of one laser, [mm]."""
-
-    mean_mm: float
-    std_mm: float
-    max_mm: float
-    n: int
-
-
-SpotTable = dict[str, SpotErrors]
 
 
 @dataclass(frozen=True)
@@ -53,6 +42,7 @@ class FitResult:
         warnings: What the user ought to know.
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
+        nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
     """
 
     robot: Robot
@@ -67,6 +57,7 @@ class FitResult:
     test_data: Measurements | None
     estimator: str
     error_model: str
+    nominal: NominalFit
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
@@ -113,7 +104,7 @@ class FitResult:
         before, after = rms_mm(self.before), rms_mm(self.after)
         if not after < before:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
-        if self.estimate.noise.stated and self.chi_squared > CHI_SQUARED_LIMIT:
+        if self.estimate.noise.all_stated and self.chi_squared > CHI_SQUARED_LIMIT:
             return (
                 f"chi-square is {self.chi_squared:.3g} times what the stated {self.estimate.noise.spot_sigma / MM:.3g} mm of noise explain "
                 f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
@@ -128,20 +119,3 @@ class FitResult:
         """
         if self.rejection:
             raise FitRejected(self.rejection)
-
-
-def spot_table(data: Measurements, spots: Array3) -> SpotTable:
-    """Distances between measured and predicted spots (n, lasers, 2) per laser; a laser that was never seen is left out."""
-    distance = np.linalg.norm(spots - data.spots, axis=-1) / MM
-    table = {}
-    for index, laser in enumerate(data.lasers):
-        own = distance[data.seen[:, index], index]
-        if len(own):
-            table[laser] = SpotErrors(float(own.mean()), float(own.std()), float(own.max()), len(own))
-    return table
-
-
-def rms_mm(table: SpotTable) -> float:
-    """Root mean square distance over all lasers, [mm]."""
-    count = sum(row.n for row in table.values())
-    return float(np.sqrt(sum(row.n * (row.mean_mm**2 + row.std_mm**2) for row in table.values()) / max(count, 1)))

@@ -21,7 +21,7 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.error_model import ErrorModel, Placements
 from urdfcal.errors import ShapeMismatch
-from urdfcal.geometry import SE3, Array3, Matrix, Vector
+from urdfcal.geometry import SE3, Array3, Array4, Matrix, Vector
 
 CHUNK = 1024  # poses worked on at once, so that the temporaries stay in the processor's cache
 
@@ -35,12 +35,16 @@ class LaserMotion:
         direction: Unit vectors along the beams in screen axes, (n, lasers, 3).
         jac1: Twist [v, w] of the module against the screen, in screen axes at the screen's origin, per parameter, (n, 6, p).
         joint_jacobian: The same per measured joint, (n, 6, inputs); no columns where it was not asked for.
+        frames: The chain's frames in screen axes, [R | p], (frames, n, 3, 4).
+        axis_twists: Twists of all that lies behind each moving joint, per unit of its motion, (n, 6, moving); as joint_jacobian.
     """
 
     source: Array3
     direction: Array3
     jac1: Array3
     joint_jacobian: Array3
+    frames: Array4
+    axis_twists: Array3
 
 
 class ArmKinematics:
@@ -135,14 +139,25 @@ def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, joints:
         direction=beams[:, :, 1].transpose(1, 2, 0),
         jac1=twists[:, :, :parameters],
         joint_jacobian=twists[:, :, parameters:] @ coupling,
+        frames=_placed_frames(arm.chain, frames, placed.frames),
+        axis_twists=twists[:, :, parameters:],
     )
+
+
+def _placed_frames(chain: Chain, frames: Array3, local: list[SE3]) -> Array4:
+    """The chain's frames [R | p] in screen axes, (frames, n, 3, 4), from those of the joints."""
+    placed = np.empty((len(local), frames.shape[1], 3, 4))
+    for own, frame, placement in zip(placed, chain.frames, local, strict=True):
+        body = frames[:, :, 4 * frame.depth : 4 * frame.depth + 4]
+        own[:] = (body @ placement.homogeneous).transpose(1, 0, 2)
+    return placed
 
 
 def _beam_columns(placed: Placements) -> Matrix:
     """Source and direction of each beam in homogeneous coordinates of the last moving joint, (4, 2 lasers)."""
     sources = [[*laser.translation, 1.0] for laser in placed.lasers]
     directions = [[*laser.rotation[:, 2], 0.0] for laser in placed.lasers]
-    return np.array(sources + directions).T
+    return np.array(sources + directions).reshape(-1, 4).T
 
 
 def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:

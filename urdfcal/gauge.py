@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from urdfcal.chain import Chain
-from urdfcal.error_model import DEFAULT_PRIORS, FLAT, ErrorModel, Parameter, PriorScale, matching, parameters_of
+from urdfcal.error_model import DEFAULT_PRIORS, FLAT, SESSION_KINDS, ErrorModel, Parameter, PriorScale, matching, parameters_of
 from urdfcal.errors import RigError, UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import Matrix
@@ -22,6 +22,12 @@ from urdfcal.slots import BEAMS, BEAMS4, MODELS, Kind, Slot, beam_slots, require
 CONFIGURATIONS = 50
 _DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
 _LEAST, _MOST = 1e-12, 1e6  # [m] and [rad]: priors beyond are no statement about a robot
+_CARRIERS: dict[Kind, str] = {
+    "screen": "the screen",
+    "reference": "the measuring frame",
+    "mount": "the mount",
+    "target": "the target's offset",
+}
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
@@ -46,6 +52,7 @@ class ModelOptions:
         only: Patterns; if any, every other parameter is held.
         priors: Standard deviations by group.
         single: What is said of single parameters, by pattern.
+        reference_known: Whether targets are measured in the very frame of the reference link, so that no placement is estimated.
     """
 
     error_model: str = "auto"
@@ -55,6 +62,7 @@ class ModelOptions:
     only: tuple[str, ...] = ()
     priors: Mapping[Kind, PriorScale] = field(default_factory=dict)
     single: Mapping[str, ParameterPrior] = field(default_factory=dict)
+    reference_known: bool = False
 
     def __post_init__(self) -> None:
         for model in (self.error_model, *self.per_joint.values()):
@@ -82,17 +90,19 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     _check_joints(chain, options.per_joint)
     priors = DEFAULT_PRIORS | dict(options.priors)
     slots = slots_of(chain, rig, options.error_model, options.per_joint)
-    if "screen" in options.estimate or len(sessions) > 1:
+    if options.reference_known:
+        slots = tuple(slot for slot in slots if slot.kind != "reference")
+    if "screen" in options.estimate or (len(sessions) > 1 and rig.lasers):
         require_screen_slot(chain, rig)
     if "beams" in options.estimate or "beams4" in options.estimate:
         slots += beam_slots(chain, BEAMS4 if "beams4" in options.estimate else BEAMS)
     screen_wanted = chain.screen_joint is not None or "screen" in options.estimate
     offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
-    stated, fixed = _stated([*offered, *_later_screens(slots, sessions, priors)], options)
+    stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors)], options)
     free = [parameter for parameter in stated if parameter.name not in fixed]
     if not free:
         raise UsageError("nothing is left to estimate: every parameter is fixed")
-    chosen, carried = _gauge(chain, slots, free, options)
+    chosen, carried = _gauge(chain, rig, slots, free, options)
     held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
     return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions))
 
@@ -113,7 +123,12 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
     """Screen parameters that are not in the state, cannot be held by a fixed joint, and would raise the rank if they were."""
     first = chain.steps[0]
-    if chain.screen_joint is not None or not first.forward or any(name.startswith(f"{rig.screen}.") for name in errors.names):
+    if (
+        not rig.lasers
+        or chain.screen_joint is not None
+        or not first.forward
+        or any(name.startswith(f"{rig.screen}.") for name in errors.names)
+    ):
         return ()
     screen = [parameter for parameter in parameters_of(errors.slots, DEFAULT_PRIORS) if parameter.kind == "screen"]
     whole = replace(errors, parameters=(*errors.parameters, *screen), sessions=errors.sessions[:1])
@@ -136,15 +151,17 @@ def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
     return taken
 
 
-def _gauge(chain: Chain, slots: tuple[Slot, ...], free: list[Parameter], options: ModelOptions) -> tuple[list[Parameter], dict[str, str]]:
+def _gauge(
+    chain: Chain, rig: Rig, slots: tuple[Slot, ...], free: list[Parameter], options: ModelOptions
+) -> tuple[list[Parameter], dict[str, str]]:
     """The free parameters that enter the state, and what carries the others; what is held at its value carries nothing.
 
-    Beams and later screens move no whole pose of the module, so they always enter.
+    Beams, later sessions, places and targets beside the module move no whole pose of the module, so they always enter.
     """
     automatic = options.error_model == "auto"
-    if not automatic and chain.screen_joint is not None:
+    if not automatic and (chain.screen_joint is not None or not rig.lasers):
         return free, {}
-    own = {f"{slot.label}.{name}" for slot in slots if slot.kind != "beam" for name in slot.names}
+    own = {f"{slot.label}.{name}" for slot in slots if _moves_module(rig, slot) for name in slot.names}
     offered = [parameter for parameter in free if parameter.name in own]
     errors = ErrorModel(chain, slots, tuple(offered))
     spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
@@ -162,12 +179,20 @@ def _gauge(chain: Chain, slots: tuple[Slot, ...], free: list[Parameter], options
     return [parameter for parameter in free if parameter.name in entered], carried
 
 
+def _moves_module(rig: Rig, slot: Slot) -> bool:
+    """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target."""
+    if slot.frame is None:
+        return slot.kind != "beam"
+    farthest = next((target.name for target in rig.instruments.targets if target.link == rig.module), "")
+    return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)
+
+
 def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple[int, int, int]:
     """Screen, mount, then the joints from the tool to the base; within a joint theta, alpha, beta, a, d."""
     label, name = parameter.name.rsplit(".", 1)
     if parameter.kind != "joint":
-        group = {"screen": 0 if screen_first else 3, "mount": 1}[parameter.kind]
-        return group, 0, 0
+        group = {"screen": 0, "reference": 0, "mount": 1, "target": 1}[parameter.kind]
+        return group if group or screen_first else 3, 0, 0
     place = [step.joint.name for step in chain.moving].index(label)
     return 2, -place, _WITHIN_JOINT.index(name) if name in _WITHIN_JOINT else 0
 
@@ -183,15 +208,23 @@ def _carriers(offered: list[Parameter], jacobian: Matrix, taken: list[int], left
     carried = {}
     for column, share in zip(left_out, shares.T, strict=True):
         kinds = {offered[taken[index]].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
-        words = ["the screen"] * ("screen" in kinds) + ["the mount"] * ("mount" in kinds)
+        words = [_CARRIERS[kind] for kind in _CARRIERS if kind in kinds]
         carried[offered[column].name] = " and ".join(words) or "other joints"
     return carried
 
 
-def _later_screens(slots: tuple[Slot, ...], sessions: Sequence[str], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
-    screen = [parameter for parameter in parameters_of(slots, priors) if parameter.kind == "screen"]
+def _later_sessions(slots: tuple[Slot, ...], sessions: Sequence[str], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
+    placed = [parameter for parameter in parameters_of(slots, priors) if parameter.kind in SESSION_KINDS]
     return [
-        replace(parameter, name="{}:{}.{}".format(*_split_in(parameter.name, session))) for session in sessions[1:] for parameter in screen
+        replace(parameter, name="{}:{}.{}".format(*_split_in(parameter.name, session))) for session in sessions[1:] for parameter in placed
+    ]
+
+
+def _places(rig: Rig, priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
+    return [
+        Parameter(f"{place.name}.{name}", unit, "place", 0.0, priors["place"].sigma(unit))
+        for place in rig.instruments.places
+        for name, unit in zip(place.names, place.units, strict=True)
     ]
 
 

@@ -39,7 +39,7 @@ def pictures(report: Report, calibration: FitResult) -> list[Picture]:
     with house_style():
         return [
             *screen_pictures(report.residuals, report.suspects),
-            *histogram_pictures(report.residuals),
+            *(histogram_pictures(report.residuals) if calibration.data.lasers else ()),
             *convergence_pictures(calibration),
             *value_pictures(calibration),
         ]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from urdfcal.ekf import Belief, Estimate, Linearise, Sweep
+from urdfcal.ekf import Belief, Estimate, Linearise, Sweep, degrees_of_freedom
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.noise import Noise
 
@@ -62,7 +62,7 @@ def levenberg_marquardt(
         belief = Belief(x, (P + P.T) / 2)
         if not found.success:
             return Estimate(belief, "max_sweeps", noise, history)
-        better = noise if noise.stated else noise.estimated(here, here.count - len(x) + float(np.sum(np.diag(P) / scale**2)))
+        better = noise.estimated(here, degrees_of_freedom(here, weights.jacobian(here), belief))
         rest = np.max(np.abs(x - last) / np.sqrt(np.diag(P))) < 1e-6
         if better.close_to(noise) and (rest or not np.any(noise.joint_sigma)):
             return Estimate(belief, "converged", noise, history)

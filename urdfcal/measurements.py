@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +19,40 @@ import numpy.typing as npt
 from urdfcal.errors import MeasurementError, ShapeMismatch, did_you_mean
 from urdfcal.files import write_whole
 from urdfcal.geometry import DEG, MM, Array3, Matrix
+from urdfcal.instruments import Instruments
+from urdfcal.reading_columns import (
+    ANGLE_WORDS,
+    LENGTH_WORDS,
+    QUATERNION,
+    ROLL_PITCH_YAW,
+    TargetColumn,
+    blank_readings,
+    figaroh_name,
+    quaternions_of,
+    target_columns,
+    written_columns,
+)
+from urdfcal.readings import KnownLength, Readings, instruments_of
+from urdfcal.rig import lasers_by_name
 from urdfcal.robot import Robot
 from urdfcal.urdf_tree import FARTHEST, UrdfJoint
 
 Labels = npt.NDArray[np.str_]
 Mask = npt.NDArray[np.bool_]
 
+_NOUNS = {
+    "spot": ("spot", "spots"),
+    "point": ("point", "points"),
+    "orientation": ("orientation", "orientations"),
+    "distance": ("distance", "distances"),
+    "plane": ("touch of a plane", "touches of planes"),
+    "socket": ("touch of a socket", "touches of sockets"),
+}
 _LENGTHS = {"m": 1.0, "mm": MM}
 _ANGLES = {"rad": 1.0, "deg": DEG}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LEAST_SIGMA = 1e-12  # [m]: a spot known better than that is a mistake, and its weight overflows
+_UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
 
 
@@ -48,6 +73,9 @@ class Measurements:
         sha256: Hash of that file; the empty string where there is none.
         lines: Line of each pose in the file, (n,); 0 where there is none.
         warnings: What was odd but could be read.
+        readings: What instruments beside lasers read.
+        reference: Link that the measuring frame stands on; the empty string for the default.
+        lengths: Known distances between sockets.
     """
 
     joints: tuple[str, ...]
@@ -62,6 +90,9 @@ class Measurements:
     sha256: str = ""
     lines: npt.NDArray[np.int_] | None = None
     warnings: tuple[str, ...] = ()
+    readings: tuple[Readings, ...] = ()
+    reference: str = ""
+    lengths: tuple[KnownLength, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.q)
@@ -95,6 +126,30 @@ class Measurements:
         return ~np.isnan(self.spots[..., 0])
 
     @property
+    def empty(self) -> bool:
+        """Whether nothing was seen at all."""
+        return not (self.seen.any() or any(each.seen.any() for each in self.readings))
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were measured."""
+        return 2 * int(self.seen.sum()) + sum(each.numbers for each in self.readings)
+
+    @property
+    def summary(self) -> str:
+        """What was measured, in words: `120 spots`, `500 points and 500 orientations`."""
+        counts = {"spot": int(self.seen.sum())} if self.lasers else {}
+        for each in self.readings:
+            counts[each.kind] = counts.get(each.kind, 0) + int(each.seen.sum())
+        words = [f"{count} {_NOUNS[kind][count != 1]}" for kind, count in counts.items()]
+        return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+    @cached_property
+    def instruments(self) -> Instruments:
+        """What the readings were made with."""
+        return instruments_of(self.readings, self.reference)
+
+    @property
     def session_names(self) -> tuple[str, ...]:
         """The sessions in order of their first pose."""
         return tuple(dict.fromkeys(str(session) for session in self.sessions))
@@ -103,7 +158,8 @@ class Measurements:
         """Some of the poses, by mask or index."""
         index = np.asarray(rows)
         per_pose = {name: getattr(self, name)[index] for name in ("q", "spots", "sigma", "poses", "sets", "sessions")}
-        return replace(self, **per_pose, lines=None if self.lines is None else self.lines[index], warnings=())
+        readings = tuple(each.subset(index) for each in self.readings)
+        return replace(self, **per_pose, readings=readings, lines=None if self.lines is None else self.lines[index], warnings=())
 
     def split(self) -> tuple[Measurements, Measurements]:
         """The poses to fit and the poses to test, by the `set` column."""
@@ -156,13 +212,20 @@ def measurements_from(
     )
 
 
-def read_measurements(path: str | Path, robot: Robot) -> Measurements:
-    """Read laser spots from CSV: one row a pose, one column a joint, `<laser>.y` and `<laser>.z` for each beam.
+def read_measurements(path: str | Path, robot: Robot, *, reference: str | None = None, target: str | None = None) -> Measurements:
+    """Read measurements from CSV: one row a pose, one column a joint, and what was measured by the columns' endings.
+
+    Args:
+        path: The file.
+        robot: Whose joints and links the columns are named after.
+        reference: Link that the measuring frame of points and orientations stands on; by default `tracker`, or the root.
+        target: Link that columns named x1, y1, z1, phix1, phiy1, phiz1 (figaroh's) belong to.
 
     Raises:
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
+        RigError: a link that is needed is not there, or not where it can be.
     """
-    return _Reader(Path(path), robot).read()
+    return _Reader(Path(path), robot, reference or "", target or "").read()
 
 
 def write_measurements(path: str | Path, data: Measurements, comments: Iterable[str] = ()) -> None:
@@ -175,15 +238,17 @@ def measurements_csv(data: Measurements, comments: Iterable[str] = ()) -> bytes:
     header = ["pose", *data.joints, *(f"{laser}.{axis}" for laser in data.lasers for axis in "yz")]
     stated = [index for index in range(len(data.lasers)) if not np.isnan(data.sigma[:, index]).all()]
     header += [f"{data.lasers[index]}.sigma" for index in stated]
+    others = [column for each in data.readings for column in written_columns(each)]
     marks = {"set": data.sets} if (data.sets == "test").any() else {}
     marks |= {"session": data.sessions} if (data.sessions != "").any() else {}
     text = io.StringIO()
     text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([*header, *marks])
+    table.writerow([*header, *(name for name, _ in others), *marks])
     numbers = np.hstack([data.q, data.spots.reshape(len(data), -1), data.sigma[:, stated]])
     for pose, row in enumerate(numbers):
         cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
+        cells += [values[pose] for _, values in others]
         table.writerow([_label(data.poses[pose]), *cells, *(_label(mark[pose]) for mark in marks.values())])
     return text.getvalue().encode(errors="backslashreplace")
 
@@ -196,10 +261,8 @@ def _label(text: str) -> str:
 class _Reader:
     """Reads one file; keeps what every message needs."""
 
-    def __init__(self, path: Path, robot: Robot) -> None:
-        self.path, self.robot = path, robot
-        self.joints = robot.chain.inputs
-        self.lasers = robot.rig.lasers
+    def __init__(self, path: Path, robot: Robot, reference: str, target: str) -> None:
+        self.path, self.robot, self.reference, self.target = path, robot, reference, target
         self.warnings: list[str] = []
 
     def fail(self, line: int | None, column: str, message: str) -> MeasurementError:
@@ -244,7 +307,7 @@ class _Reader:
             header.pop()
         self.index: dict[str, int] = {}
         self.units: dict[str, str] = {}
-        for position, cell in enumerate(header):
+        for position, cell in enumerate(self.translated(line, header)):
             name, mark, unit = (word.strip() for word in (cell[:-1] if cell.endswith("]") else cell).partition("["))
             if mark and not cell.endswith("]"):
                 raise self.fail(line, cell, "the unit has no closing bracket, expected for example 'joint1 [deg]'")
@@ -257,7 +320,32 @@ class _Reader:
                 self.units[name] = unit
         self.width = len(header)
         self.header_line = line
+        spots_only = (laser for laser in (*self.laser_candidates(), *lasers_by_name(self.robot.tree)) if f"{laser}.x" not in self.index)
+        self.columns = target_columns(self.index, self.robot, tuple(spots_only))
+        self.choose_instruments()
         self.check_columns()
+
+    def translated(self, line: int, header: list[str]) -> list[str]:
+        """The header with figaroh's x1, y1 ... in our own names."""
+        own = [figaroh_name(cell, self.target) for cell in header]
+        if any(own) and not self.target:
+            cell = next(cell for cell, name in zip(header, own, strict=True) if name)
+            raise self.fail(line, cell, "which link is it measured on? name it with --target LINK")
+        return [name or cell for cell, name in zip(header, own, strict=True)]
+
+    def laser_candidates(self) -> tuple[str, ...]:
+        """Links that are lasers by what was asked for or by their name, and have spots here: y and z without x."""
+        named = self.robot.lasers if self.robot.lasers is not None else lasers_by_name(self.robot.tree)
+        return tuple(laser for laser in named if f"{laser}.x" not in self.index)
+
+    def choose_instruments(self) -> None:
+        """The robot as these measurements see it: with lasers if there are spots, or nothing else; with the targets that are named."""
+        kinds = tuple(dict.fromkeys((column.target, column.kind) for column in self.columns))
+        spots = any(f"{laser}.{axis}" in self.index for laser in self.laser_candidates() for axis in "yz")
+        blank = tuple(blank_readings(column, target, kind) for target, kind in kinds for column in self.columns if column.target == target)
+        if kinds:
+            self.robot = self.robot.seen_by(instruments_of(blank, self.reference), self.robot.lasers if spots else ())
+        self.joints, self.lasers = self.robot.chain.inputs, self.robot.rig.lasers
 
     def check_columns(self) -> None:
         for joint in self.joints:
@@ -267,14 +355,20 @@ class _Reader:
                     joint.name,
                     f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}",
                 )
-        known = {"set", "session", "pose", *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid)}
+        known = {
+            "set",
+            "session",
+            "pose",
+            *(column.name for column in self.columns),
+            *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid),
+        }
         for laser in self.lasers:
             y, z = f"{laser}.y", f"{laser}.z"
             known |= {y, z, f"{laser}.sigma"}
             if (y in self.index) != (z in self.index):
                 raise self.fail(self.header_line, z if y in self.index else y, f"is missing; a spot of {laser} needs {y} and {z}")
         self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index]
-        if not self.seen_lasers:
+        if self.lasers and not self.seen_lasers:
             raise self.fail(
                 self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z"
             )
@@ -304,8 +398,11 @@ class _Reader:
                 spots[:, index] = self.spot_columns(laser, lines, columns)
             if f"{laser}.sigma" in columns:
                 sigma[:, index] = self.sigma_column(f"{laser}.sigma", lines, columns[f"{laser}.sigma"])
-        if np.isnan(spots).all():
-            raise self.fail(lines[0], f"{self.seen_lasers[0]}.y", "every spot is empty; expected at least one that was seen")
+        readings = tuple(self.readings(lines, columns))
+        if np.isnan(spots).all() and not any(each.seen.any() for each in readings):
+            first = f"{self.seen_lasers[0]}.y" if self.seen_lasers else self.columns[0].name
+            what = "spot" if self.seen_lasers else "reading"
+            raise self.fail(lines[0], first, f"every {what} is empty; expected at least one that was seen")
         numbers = [str(number) for number in range(1, n + 1)]
         poses = [label or number for label, number in zip(columns.get("pose", numbers), numbers, strict=True)]
         return Measurements(
@@ -321,7 +418,64 @@ class _Reader:
             sha256=self.sha256,
             lines=np.array(lines),
             warnings=tuple(self.warnings),
+            readings=readings,
+            reference=self.reference,
         )
+
+    def readings(self, lines: list[int], columns: dict[str, list[str]]) -> Iterator[Readings]:
+        """What instruments beside lasers read."""
+        by_target: dict[tuple[str, str], dict[str, TargetColumn]] = {}
+        for column in self.columns:
+            if column.kind != "sigma":
+                by_target.setdefault((column.target, column.kind), {})[column.what] = column
+        for (target, kind), own in by_target.items():
+            self.require_whole(kind, own)
+            stated = next((column.name for column in self.columns if (column.target, column.kind) == (target, "sigma")), None)
+            n, link = len(lines), next(iter(own.values())).link
+            sigma = np.full(n, np.nan)
+            if stated is not None and kind != "orientation":
+                sigma = self.sigma_column(stated, lines, columns[stated])
+            if kind in ("plane", "socket"):
+                labels = np.array(columns[own[kind].name], dtype=str)
+                yield Readings(kind, target, link, np.empty((n, 0)), labels, sigma)
+                continue
+            numbers = {what: self.target_numbers(column, lines, columns[column.name]) for what, column in own.items()}
+            values = self.stored(kind, numbers, own, lines)
+            yield Readings(kind, target, link, values, np.full(n, ""), sigma)
+
+    def target_numbers(self, column: TargetColumn, lines: list[int], cells: list[str]) -> Any:
+        allowed = _LENGTHS if column.what in LENGTH_WORDS else _ANGLES if column.what in ANGLE_WORDS else {"": 1.0}
+        factor = self.unit(column.name, allowed)
+        return self.numbers(column.name, lines, cells, factor, "leave the cell empty if it was not read", empty=True)
+
+    def require_whole(self, kind: str, own: dict[str, TargetColumn]) -> None:
+        for words in (QUATERNION, ROLL_PITCH_YAW):
+            if kind == "orientation" and (missing := [word for word in words if word not in own]) and len(missing) < len(words):
+                name = next(iter(own.values())).target
+                raise self.fail(self.header_line, f"{name}.{missing[0]}", f"is missing; an orientation needs {', '.join(words)}")
+
+    def stored(self, kind: str, numbers: dict[str, Any], own: dict[str, TargetColumn], lines: list[int]) -> Any:
+        """Columns as readings keep them; an orientation as a unit quaternion."""
+        if kind == "point":
+            return np.column_stack([numbers.get(axis, np.full(len(lines), np.nan)) for axis in "xyz"])
+        if kind == "distance":
+            return numbers["distance"][:, None]
+        words = QUATERNION if QUATERNION[0] in numbers else ROLL_PITCH_YAW
+        table = np.column_stack([numbers[word] for word in words])
+        partly = np.isnan(table).any(axis=1) & ~np.isnan(table).all(axis=1)
+        if partly.any():
+            row = int(np.argmax(partly))
+            name = own[words[int(np.argmax(np.isnan(table[row])))]].name
+            raise self.fail(lines[row], name, "the cell is empty and others of this orientation are not; leave all of them empty, or none")
+        if words == ROLL_PITCH_YAW:
+            return quaternions_of(table)
+        length = np.linalg.norm(table, axis=1)
+        wrong = np.abs(length - 1) > _UNIT_WITHIN
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            found = f"the quaternion has length {length[row]:.4g}, expected 1 (x, y, z, w)"
+            raise self.fail(lines[row], own[words[0]].name, found)
+        return table / length[:, None]
 
     def unit(self, name: str, allowed: dict[str, float]) -> float:
         unit = self.units.get(name, next(iter(allowed)))

@@ -10,9 +10,9 @@ import numpy as np
 from urdfcal.ekf import Belief, Estimate, compress, iterated_schedule, paper_schedule, update
 from urdfcal.errors import UsageError
 from urdfcal.geometry import MM, Matrix, Vector
-from urdfcal.measurements import Measurements
+from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Linearisation, Noise
-from urdfcal.robust import Outlier, gate, reweighted, swapped_poses
+from urdfcal.robust import Outlier, Spots, gate, inside, reweighted, swapped_poses
 from urdfcal.spot_model import SpotModel
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
@@ -61,8 +61,8 @@ class Method:
 
     @property
     def gates(self) -> bool:
-        """Whether outliers are taken out: not where the estimator weighs them down itself, nor in the paper's schedule."""
-        return self.gated and self.estimator != "robust" and not (self.estimator == "ekf" and self.schedule == "paper")
+        """Whether outliers are told apart: not in the paper's schedule; always where the estimator itself weighs them down."""
+        return self.estimator == "robust" or (self.gated and not (self.estimator == "ekf" and self.schedule == "paper"))
 
     @property
     def shrinks(self) -> bool:
@@ -76,7 +76,7 @@ class Method:
     def run(self, model: SpotModel, prior: Belief, noise: Noise) -> Estimate:
         """Fit one set of data."""
         if self.estimator == "robust":
-            return reweighted(model.linearise, prior, noise, start=self.start)
+            return reweighted(spots_of(model), prior, noise, start=self.start)
         if self.estimator == "evolution":
             from urdfcal.evolution import differential_evolution
 
@@ -128,6 +128,9 @@ class CleanFit:
 def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
     """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
 
+    The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables. Only
+    spots are told apart: where anything else was measured, the first fit stands.
+
     Args:
         method: How to fit again.
         model: Of all the data.
@@ -135,19 +138,43 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
         noise: As stated, or where to start.
         first: Fit of all the data.
     """
-    clean, kept = gate(model.linearise, prior, noise, first, begin=method.start, **method.limits())
-    if kept is None:
+    if not model.data.lasers or model.measured.shape[1] != 2 * len(model.data.lasers):
         return CleanFit(model, first)
+    clean, kept = _told_apart(method, model, prior, noise, first)
+    if kept is None:
+        return CleanFit(model, clean)
     mended, swaps = _unswapped(model, clean)
     if swaps:
         model = SpotModel(model.errors, mended, model.joints)
         first = method.run(model, prior, noise)
-        clean, kept = gate(model.linearise, prior, noise, first, begin=method.start, **method.limits())
+        clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
-        return CleanFit(model, first, swaps)
+        return CleanFit(model, clean, swaps)
     data = replace(model.data, spots=np.where(kept[..., None], model.data.spots, np.nan))
-    history = [*first.history, *clean.history[1:]]
+    history = clean.history if clean is first else [*first.history, *clean.history[1:]]
     return CleanFit(SpotModel(model.errors, data, model.joints), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
+
+
+def spots_of(model: SpotModel) -> Spots:
+    """The measured spots of a model, of which any may be left out."""
+
+    def missed(x: Vector) -> Mask:
+        lengths = model.predict(x)[1]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(model.data.seen & ~((lengths > 0) & np.isfinite(lengths)))
+
+    return Spots(model.linearise, missed, model.data.seen)
+
+
+def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
+    """A fit without outliers, and which spots are none, (n, lasers); None if none is."""
+    spots = spots_of(model)
+    if method.estimator != "robust":
+        return gate(spots, prior, noise, first, begin=method.start, **method.limits())
+    if not first.converged:
+        return first, None
+    kept = inside(spots, prior, first)
+    return first, None if kept.all() or spots.too_few(kept) else kept
 
 
 def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
@@ -164,9 +191,12 @@ def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[O
 def _left_out(model: SpotModel, clean: Estimate, kept: Any) -> tuple[Outlier, ...]:
     data, predicted = model.data, model.predict(clean.belief.x)[0]
     outliers = []
+    lost = spots_of(model).missed(clean.belief.x)
     for pose, laser in np.argwhere(data.seen & ~kept).tolist():
-        away = _distance_mm(data, predicted, pose, laser)
-        words = f"{away:.3g} mm from where the other spots put it, noise {clean.noise.spot_sigma / MM:.3g} mm"
+        away = None if lost[pose, laser] else _distance_mm(data, predicted, pose, laser)
+        words = "its beam does not meet the screen in the model; is a joint's reading wrong?"
+        if away is not None:
+            words = f"{away:.3g} mm from where the other spots put it, noise {clean.noise.spot_sigma / MM:.3g} mm"
         outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
     return tuple(outliers)
 

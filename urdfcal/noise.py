@@ -7,16 +7,37 @@ one pose's spots is R_i = R_spot + J_q R_q J_q'.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.geometry import MM, Array3, Matrix, Vector
 
 START_SPOT_SIGMA = 1.0 * MM
-_LEAST_SPOT_SIGMA = 1e-6  # [m]; no camera sees less, and noise-free simulations end here
+_LEAST_SIGMA = 1e-6  # [m], [rad] or [px]; no sensor sees less, and noise-free simulations end here
 LEAST_FREEDOM = 20.0  # degrees of freedom; with fewer the residual says too little of the noise, and the start value stays
 _CLOSE = 1e-3
+
+Kinds = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Numbers of a pose that are one observation: a spot, a point, an orientation.
+
+    Attributes:
+        name: What tables call it: the laser, or the target.
+        columns: Its numbers among those of a pose.
+        kind: Index of its noise.
+        unit: In which tables give it: `mm`, `deg` or `px`.
+    """
+
+    name: str
+    columns: slice
+    kind: int = 0
+    unit: str = "mm"
 
 
 @dataclass(frozen=True)
@@ -30,6 +51,7 @@ class Linearisation:
         measured: Which of the m numbers of each pose were measured, (n, m).
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
         trouble: A key of `ekf.STOPS` if the model cannot produce what was measured, else empty.
+        blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
     """
 
     residual: Matrix
@@ -38,6 +60,20 @@ class Linearisation:
     measured: Any
     stated_sigma: Matrix
     trouble: str = ""
+    blocks: tuple[Block, ...] = ()
+
+    @cached_property
+    def kinds(self) -> Kinds:
+        """Index of the noise of each of the m numbers, (m,)."""
+        kinds = np.zeros(self.residual.shape[1], dtype=np.intp)
+        for block in self.blocks:
+            kinds[block.columns] = block.kind
+        return kinds
+
+    @property
+    def counts(self) -> Vector:
+        """How many numbers of each kind were measured, (kinds,)."""
+        return np.asarray(np.bincount(self.kinds, np.asarray(np.count_nonzero(self.measured, axis=0), dtype=float)))
 
     @property
     def usable(self) -> bool:
@@ -51,8 +87,9 @@ class Linearisation:
 
     @property
     def rms(self) -> float:
-        """Root of the mean squared residual of the measured numbers."""
-        return float(np.linalg.norm(self.residual) / np.sqrt(max(self.count, 1)))
+        """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
+        first = self.kinds == 0
+        return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(np.count_nonzero(self.measured[:, first]), 1)))
 
 
 @dataclass(frozen=True)
@@ -85,19 +122,34 @@ class Noise:
     """Standard deviations of what was measured.
 
     Attributes:
-        spot_sigma: Of a spot coordinate, [m], where the measurement states none of its own.
+        sigma: Of each kind of number, (kinds,), where the measurement states none of its own: [m], [rad] or [px]; one may be given alone.
         joint_sigma: Of each measured joint, (inputs,), [rad] or [m].
-        stated: Whether spot_sigma was stated; if not, it is estimated from the residual.
+        stated: Whether each sigma was stated, (kinds,); if not, it is estimated from the residual. One for all may be given.
     """
 
-    spot_sigma: float
+    sigma: Any
     joint_sigma: Vector
-    stated: bool = True
+    stated: Any = True
+
+    def __post_init__(self) -> None:
+        sigma = np.atleast_1d(np.asarray(self.sigma, dtype=float))
+        object.__setattr__(self, "sigma", sigma)
+        object.__setattr__(self, "stated", np.broadcast_to(np.asarray(self.stated, dtype=bool), sigma.shape))
+
+    @property
+    def spot_sigma(self) -> float:
+        """That of the first kind; of a spot coordinate where lasers were seen, [m]."""
+        return float(self.sigma[0])
+
+    @property
+    def all_stated(self) -> bool:
+        """Whether none of them is estimated."""
+        return bool(self.stated.all())
 
     def weights(self, here: Linearisation) -> Weights:
         """Whitening at one linearisation."""
         if not np.any(self.joint_sigma):
-            return Weights(1 / self._sigma(here))
+            return Weights(1 / self.of_numbers(here))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(here))))
 
     def pose_covariance(self, here: Linearisation) -> Array3:
@@ -105,31 +157,34 @@ class Noise:
         reach = here.joint_jacobian * self.joint_sigma if np.any(self.joint_sigma) else np.zeros((*here.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
         numbers = np.arange(here.residual.shape[1])
-        R[:, numbers, numbers] += np.where(here.measured, self._sigma(here) ** 2, 1.0)
+        R[:, numbers, numbers] += np.where(here.measured, self.of_numbers(here) ** 2, 1.0)
         return np.asarray(R)
 
-    def times(self, factor: float) -> Noise:
-        """The same with the spot noise that many times as large."""
-        return replace(self, spot_sigma=max(self.spot_sigma * factor, _LEAST_SPOT_SIGMA))
+    def times(self, factor: Any) -> Noise:
+        """The same with every sigma, or each by its own factor (kinds,), that many times as large."""
+        return replace(self, sigma=np.maximum(self.sigma * factor, _LEAST_SIGMA))
 
-    def _sigma(self, here: Linearisation) -> Matrix:
-        return np.where(np.isnan(here.stated_sigma), self.spot_sigma, here.stated_sigma)
+    def of_numbers(self, here: Linearisation) -> Matrix:
+        """Standard deviation of each number, the readings of joints left out, (n, m)."""
+        return np.where(np.isnan(here.stated_sigma), self.sigma[here.kinds], here.stated_sigma)
 
     def chi_squared(self, here: Linearisation) -> float:
         """Sum of the squared whitened residuals."""
         whitened = self.weights(here).residual(here)
         return float(whitened @ whitened)
 
-    def estimated(self, here: Linearisation, degrees_of_freedom: float) -> Noise:
-        """The spot noise that would make chi-squared equal its degrees of freedom, one fixed-point step on from this one.
+    def estimated(self, here: Linearisation, degrees_of_freedom: Any) -> Noise:
+        """The noise that would make chi-squared of each kind equal its degrees of freedom (kinds,), one fixed-point step on from this.
 
-        With fewer than LEAST_FREEDOM it stays as it is: a fit that nearly runs through its data says nothing of their noise.
+        What was stated stays, and so does a kind with fewer than LEAST_FREEDOM: a fit that nearly runs through its data says nothing
+        of their noise.
         """
-        if degrees_of_freedom < LEAST_FREEDOM:
-            return self
-        ratio = self.chi_squared(here) / degrees_of_freedom
-        return self.times(float(np.sqrt(ratio)))
+        freedom = np.atleast_1d(degrees_of_freedom)
+        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape).sum(axis=0)
+        chi_squared = np.bincount(here.kinds, squares, minlength=len(freedom))
+        fixed = self.stated | (freedom < LEAST_FREEDOM)
+        return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
 
     def close_to(self, other: Noise) -> bool:
-        """Whether another estimate of the spot noise is the same for all purposes."""
-        return abs(self.spot_sigma / other.spot_sigma - 1) < _CLOSE
+        """Whether another estimate of the noise is the same for all purposes."""
+        return bool(np.max(np.abs(self.sigma / other.sigma - 1)) < _CLOSE)

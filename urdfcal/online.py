@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, factorial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -185,7 +186,7 @@ class OnlineCalibrator:
         """
         if not self._history.seen:
             raise UsageError("no pose with a spot has been taken yet; there is nothing to fit")
-        how = {"spot_sigma": self._stated, "joint_sigma": self._joint_sigma, "gated": gated, "evidence": evidence}
+        how: dict[str, Any] = {"spot_sigma": self._stated, "joint_sigma": self._joint_sigma, "gated": gated, "evidence": evidence}
         return fit(self.robot, self.measurements(), options=self.options, **how)
 
     def _refuse(self, pose: Measurements) -> OnlineState:
@@ -208,7 +209,7 @@ class OnlineCalibrator:
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
         model = SpotModel(self.errors, self.measurements(), joints=bool(np.any(noise.joint_sigma)))
-        held = noise.stated or self._freedom(belief) < _FREEDOM
+        held = noise.all_stated or self._freedom(belief) < _FREEDOM
         found = iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
         if not found.converged:
             return None
@@ -234,7 +235,7 @@ class OnlineCalibrator:
         n, beams = self._sizes
         position, rotation, spot = variance[: 3 * n], variance[3 * n : 6 * n], variance[6 * n :]
         tool = float(np.sqrt(position.sum() / n)) / MM
-        known = noise.stated or self._freedom(belief) >= _FREEDOM
+        known = noise.all_stated or self._freedom(belief) >= _FREEDOM
         return OnlineState(
             poses=len(self._history),
             belief=belief,

@@ -26,8 +26,12 @@ from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import SE3, Array3, Array4, Matrix, Vector, product
 from urdfcal.measurements import Measurements
 from urdfcal.robot import Robot
+from urdfcal.sensors import makes_spot, spots_on_screen
+from urdfcal.simulation import joint_limits
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_tree import UrdfJoint
+
+_BATCH, _MOST_BATCHES = 4096, 50  # random positions drawn at a time, and how often
 
 
 def spot_sigma(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) -> Matrix:
@@ -46,6 +50,71 @@ def spot_sigma(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) -> 
         ShapeMismatch: covariance, x or q does not fit.
     """
     return spread(spot_jacobians(errors, x, q), covariance)
+
+
+@dataclass(frozen=True)
+class SpotAccuracy:
+    """How far off the spots of some poses still are by the parameters' uncertainty alone: quantiles of `spot_sigma` over them.
+
+    Attributes:
+        lasers: Laser links.
+        poses: At how many of the poses each laser's beam meets the screen, (lasers,).
+        median: Of the predicted error of a spot, (lasers,), [m]; nan for a laser that never meets the screen, as below.
+        most: What 95 % of the poses stay under, (lasers,), [m].
+        worst: Of the worst pose, (lasers,), [m].
+    """
+
+    lasers: tuple[str, ...]
+    poses: tuple[int, ...]
+    median: Vector
+    most: Vector
+    worst: Vector
+
+
+def spot_accuracy(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) -> SpotAccuracy:
+    """How far off the spots still are at some poses: those that were measured, or `poses_in_view`.
+
+    Args:
+        errors: Names, order and units of the parameters.
+        covariance: Of the parameters, (p, p).
+        x: Error parameters, (p,), [m] and [rad].
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+
+    Raises:
+        ShapeMismatch: covariance, x or q does not fit.
+    """
+    sigma = spot_sigma(errors, covariance, x, q)
+    own = [column[np.isfinite(column)] for column in sigma.T]
+    levels = np.array([np.quantile(column, (0.5, 0.95, 1.0)) if len(column) else np.full(3, np.nan) for column in own])
+    return SpotAccuracy(_lasers(errors), tuple(len(column) for column in own), *levels.T)
+
+
+def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurements, rng: np.random.Generator, poses: int = 500) -> Matrix:
+    """Random joint positions within the limits at which the robot with errors x puts every beam where the camera has seen spots.
+
+    Args:
+        robot: Nominal robot.
+        errors: Names, order and units of the parameters.
+        x: Error parameters, (p,), [m] and [rad].
+        seen: Measurements; the rectangle around their spots is the screen.
+        rng: Source of randomness.
+        poses: How many are wanted.
+
+    Returns:
+        (poses, inputs), [rad] or [m]; fewer rows, or none, where such positions are too rare to be found.
+    """
+    arm, placed = ArmKinematics(robot.chain), errors.placements(errors.check(x), errors.sessions[0]).still()
+    (lower, upper), found = joint_limits(robot), np.empty((0, len(robot.chain.inputs)))
+    corners = np.nanmin(seen.spots, axis=(0, 1)), np.nanmax(seen.spots, axis=(0, 1))
+    for _ in range(_MOST_BATCHES):
+        q = rng.uniform(lower, upper, (_BATCH, len(lower)))
+        motion = motion_at(arm, placed, arm.chain_positions(q))
+        spots, length = spots_on_screen(motion.source, motion.direction)
+        inside = ((spots >= corners[0]) & (spots <= corners[1])).all(axis=-1) & makes_spot(length, motion.direction)
+        found = np.vstack([found, q[inside.all(axis=1)]])
+        if len(found) >= poses:
+            break
+    return found[:poses]
 
 
 def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
@@ -84,7 +153,7 @@ def spot_jacobians(errors: ErrorModel, x: Vector, q: Matrix) -> Array4:
     model = SpotModel(errors, _all_seen(errors, np.asarray(q, dtype=float)))
     lengths = model.predict(errors.check(x))[1]
     n, lasers = lengths.shape
-    jacobian = model.linearise(errors.check(x)).jacobian.reshape(n, lasers, 2, -1)
+    jacobian = model.linearise(errors.check(x)).jacobian.reshape(n, lasers, 2, len(errors.names))
     meets = (lengths > 0) & np.isfinite(lengths)
     return np.where(meets[..., None, None], jacobian, np.nan)
 
@@ -187,7 +256,7 @@ def _first_calibrated(robot: Robot, link: str) -> int | None:
 
 def _all_seen(errors: ErrorModel, q: Matrix) -> Measurements:
     """Poses at which every beam counts, wherever it falls."""
-    n, lasers = len(q), tuple(way[-1].child for way in errors.chain.laser_joints)
+    n, lasers = len(q), _lasers(errors)
     return Measurements(
         joints=errors.chain.input_names,
         lasers=lasers,
@@ -198,3 +267,7 @@ def _all_seen(errors: ErrorModel, q: Matrix) -> Measurements:
         sets=np.full(n, "fit"),
         sessions=np.full(n, errors.sessions[0]),
     )
+
+
+def _lasers(errors: ErrorModel) -> tuple[str, ...]:
+    return tuple(way[-1].child for way in errors.chain.laser_joints)

@@ -16,7 +16,8 @@ from urdfcal.calibration_file import sha256
 from urdfcal.document import Table
 from urdfcal.error_model import FLAT
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import DEG, MM
+from urdfcal.geometry import DEG
+from urdfcal.instrument_report import noise_in_words, rig_in_words
 from urdfcal.measurements import Measurements
 from urdfcal.report import displayed
 from urdfcal.residuals import honest_covariance
@@ -35,7 +36,7 @@ def provenance_table(calibration: FitResult, command: Sequence[str]) -> Table:
         ("robot's sha256", sha256(robot.description.text)),
         *_data_rows("measurements", calibration.data),
         *(_data_rows("test poses", calibration.test_data) if calibration.test_data is not None else []),
-        ("rig", f"screen {robot.rig.screen}; module {robot.rig.module}; lasers {', '.join(robot.rig.lasers)}"),
+        ("rig", rig_in_words(robot)),
         ("estimator", calibration.estimator),
         ("noise", _noise_text(calibration)),
         *_evidence_rows(calibration),
@@ -51,16 +52,16 @@ def prior_text(sigma: float, unit: str) -> str:
 
 
 def _data_rows(label: str, data: Measurements) -> list[tuple[str, str]]:
-    rows = [(label, f"{data.source or 'from memory'}, {count_of(len(data), 'pose')}, {count_of(int(data.seen.sum()), 'spot')}")]
+    rows = [(label, f"{data.source or 'from memory'}, {count_of(len(data), 'pose')}, {data.summary}")]
     return [*rows, (f"{label}' sha256", data.sha256)] if data.sha256 else rows
 
 
 def _noise_text(calibration: FitResult) -> str:
     noise = calibration.estimate.noise
-    kind = "stated" if noise.stated else "estimated from the residuals" if honest_covariance(calibration) else "assumed"
+    kind = "stated" if noise.all_stated else "estimated from the residuals" if honest_covariance(calibration) else "assumed"
     joints = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma)
     readings = f"; joint readings {', '.join(joints)}" if np.any(noise.joint_sigma) else "; joint readings taken as exact"
-    spots = f"{noise.spot_sigma / MM:.3g} mm a spot coordinate ({kind})"
+    spots = f"{noise_in_words(calibration)} ({kind})"
     return f"{spots}{readings}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
 
 

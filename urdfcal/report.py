@@ -12,15 +12,19 @@ import numpy as np
 
 from urdfcal.calibration_file import parameter_entries
 from urdfcal.dh import DhRow
+from urdfcal.error_model import INSTRUMENTS
 from urdfcal.geometry import DEG, MM
 from urdfcal.identifiability import correlated_groups
+from urdfcal.instrument_report import frame_entries, noise_in_words
+from urdfcal.spot_model import kinds_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from urdfcal.error_table import SpotTable
     from urdfcal.evidence import Evidence
-    from urdfcal.fit_result import FitResult, SpotTable
+    from urdfcal.fit_result import FitResult
 
 WIDTH = 100
 STRONG = 0.95  # correlation above which parameters are named together
@@ -50,9 +54,10 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     return [
         _headline(calibration),
         "",
-        spot_table_block(tables),
+        spot_table_block(tables, not calibration.data.readings),
         "",
         parameter_table(calibration),
+        *_frames(calibration),
         *_outliers(calibration),
         *_undecided(calibration),
         *_correlated(calibration),
@@ -60,20 +65,21 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     ]
 
 
-def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]]) -> RenderableType:
-    """Distance between measured and predicted spot per laser, before and after."""
-    table = figures_table("poses", "laser")
+def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]], spots: bool = True) -> RenderableType:
+    """Distance between measured and predicted spot per laser, or point per target, before and after."""
     rows = list(tables)
+    table = figures_table("poses", "laser" if spots else "what")
     both = any(after is not None for _, _, after in rows)
     phases = ("before", "after") if both else ("",)
-    for name in ("spots", *(f"{figure}\n{phase}".strip() for phase in phases for figure in ("mean", "std", "max"))):
+    for name in ("spots" if spots else "number", *(f"{figure}\n{phase}".strip() for phase in phases for figure in ("mean", "std", "max"))):
         table.add_column(name, justify="right")
     for label, before, after in rows:
         for laser, row in before.items():
-            figures = [row.mean_mm, row.std_mm, row.max_mm]
-            figures += [after[laser].mean_mm, after[laser].std_mm, after[laser].max_mm] if after is not None else []
-            table.add_row(label, laser, str(row.n), *(_mm(figure) for figure in figures))
-    return titled("Distance from measured to predicted spot, in mm", table)
+            figures = [row.mean, row.std, row.max]
+            figures += [after[laser].mean, after[laser].std, after[laser].max] if after is not None else []
+            unit = "" if row.unit == "mm" else f" [{row.unit}]"
+            table.add_row(label, f"{laser}{unit}", str(row.n), *(_mm(figure) for figure in figures))
+    return titled(f"Distance from measured to predicted {'spot' if spots else 'position'}, in mm", table)
 
 
 def parameter_table(calibration: FitResult) -> RenderableType:
@@ -83,6 +89,8 @@ def parameter_table(calibration: FitResult) -> RenderableType:
     table.add_column("unit")
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     for parameter, value, sigma, determined in rows:
+        if parameter.kind in INSTRUMENTS:  # frames have a table of their own; places in the room are nobody's errors
+            continue
         unit, size = displayed(parameter.unit)
         table.add_row(
             parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else ""
@@ -143,8 +151,10 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "iterations": len(calibration.estimate.history) - 1,
         "rank": calibration.identifiability.rank,
         "estimator": calibration.estimator,
-        "spot_sigma_mm": noise.spot_sigma / MM,
-        "spot_sigma_stated": noise.stated,
+        "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
+        "noise": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
+        "frames": frame_entries(calibration),
+        "spot_sigma_stated": noise.all_stated,
         "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         "parameters": parameter_entries(calibration),
         "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
@@ -161,21 +171,36 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
 
 def table_json(table: SpotTable) -> dict[str, Any]:
     """A spot table for machines."""
-    return {laser: asdict(row) for laser, row in table.items()}
+    return {name: row.entry() for name, row in table.items()}
 
 
 def _headline(calibration: FitResult) -> str:
     data, noise = calibration.data, calibration.estimate.noise
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
-    kind = "stated" if noise.stated else "estimated from the residual"
+    kind = "stated" if noise.all_stated else "estimated from the residual"
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
-        f"{calibration.robot.name}: {len(calibration.errors.names)} parameters from {len(data)} poses with {int(data.seen.sum())} spots\n"
+        f"{calibration.robot.name}: {len(calibration.errors.names)} parameters from {len(data)} poses with {data.summary}\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
-        f"spot noise {noise.spot_sigma / MM:.3g} mm ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
+        f"{noise_in_words(calibration)} ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
+
+
+def _frames(calibration: FitResult) -> list[RenderableType]:
+    """Where measuring frames and targets were found."""
+    entries = frame_entries(calibration)
+    if not entries:
+        return []
+    table = figures_table("frame", "on link")
+    for name in ("x\nmm", "y\nmm", "z\nmm", "roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\nmm", "sigma\ndeg"):
+        table.add_column(name, justify="right")
+    for entry in entries:
+        angles = [f"{angle / DEG:.3f}" for angle in entry["rpy"]] if entry["rotation_sigma"] is not None else ["", "", ""]
+        sigmas = [f"{entry['sigma'] / MM:.3g}", "" if entry["rotation_sigma"] is None else f"{entry['rotation_sigma'] / DEG:.3g}"]
+        table.add_row(entry["name"], entry["link"], *(f"{length / MM:.3f}" for length in entry["xyz"]), *angles, *sigmas)
+    return ["", titled("Frames found with the fit", table)]
 
 
 def _scales(chosen: Evidence) -> str:

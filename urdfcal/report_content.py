@@ -10,7 +10,8 @@ import numpy as np
 
 from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
 from urdfcal.error_model import Parameter
-from urdfcal.fit_result import FitResult, SpotTable
+from urdfcal.error_table import SpotTable
+from urdfcal.fit_result import FitResult
 from urdfcal.geometry import MM
 from urdfcal.identifiability import DETERMINED, Combination
 from urdfcal.provenance import prior_text, provenance_table
@@ -59,7 +60,7 @@ def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
         Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
     ]
     data = calibration.data
-    subtitle = f"{len(data)} poses with {int(data.seen.sum())} spots; {len(calibration.errors.names)} parameters; {calibration.estimator}"
+    subtitle = f"{len(data)} poses with {data.summary}; {len(calibration.errors.names)} parameters; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     return Report(
         title, subtitle, verdict_of(calibration, found), tuple(each for each in sections if each.blocks), tuple(sets), tuple(found)
@@ -76,14 +77,18 @@ def fixed(value: float) -> str:
 def _spots(calibration: FitResult) -> Section:
     rows = _spot_rows("fit", calibration.before, calibration.after)
     rows += _spot_rows("test", *calibration.test) if calibration.test else []
-    table = Table(("poses", "laser", "spots", *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
-    intro = "Distance from measured to predicted spot, in mm: before with the nominal robot, after with the calibrated one."
-    return Section("spots", "Spots on the screen", (intro, table, Gallery("spots"), Gallery("histograms")))
+    lasers = not calibration.data.readings
+    names = ("laser", "spots") if lasers else ("what", "number")
+    table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
+    what = f"Distance from measured to predicted {'spot, in mm' if lasers else 'position, in mm (orientations in deg)'}"
+    intro = f"{what}: before with the nominal robot, after with the calibrated one."
+    title = "Spots on the screen" if lasers else "What was measured"
+    return Section("spots", title, (intro, table, Gallery("spots"), Gallery("histograms")))
 
 
 def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
     return [
-        (label, laser, str(row.n), *(fixed(value) for own in (row, after[laser]) for value in (own.mean_mm, own.std_mm, own.max_mm)))
+        (label, laser, str(row.n), *(fixed(value) for own in (row, after[laser]) for value in (own.mean, own.std, own.max)))
         for laser, row in before.items()
     ]
 
@@ -91,8 +96,9 @@ def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Ce
 def _convergence(calibration: FitResult) -> Section:
     history = calibration.estimate.history
     first, last = fixed(history[0].residual_rms / MM), fixed(history[-1].residual_rms / MM)
+    what = "a spot coordinate" if calibration.data.lasers else "a measured coordinate"
     text = (
-        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}. The RMS of a spot coordinate went from "
+        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}. The RMS of {what} went from "
         f"{first} mm to {last} mm. Sweep 0 is where the estimator started."
     )
     return Section("convergence", "Convergence", (text, Gallery("convergence")))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -94,8 +94,8 @@ def honest_covariance(calibration: FitResult) -> bool:
 
 
 def measured_numbers(calibration: FitResult) -> int:
-    """How many spot coordinates were fitted."""
-    return 2 * int(calibration.data.seen.sum())
+    """How many numbers were fitted."""
+    return calibration.data.numbers
 
 
 def used_numbers(calibration: FitResult) -> float:
@@ -111,7 +111,7 @@ def spread(calibration: FitResult, fitted: SpotResiduals) -> float:
     Stated noise is never made smaller by it.
     """
     seen = fitted.lengths[np.isfinite(fitted.lengths)]
-    least = 1.0 if calibration.estimate.noise.stated else _LEAST_SPREAD / calibration.estimate.noise.spot_sigma
+    least = 1.0 if calibration.estimate.noise.all_stated else _LEAST_SPREAD / calibration.estimate.noise.spot_sigma
     if len(seen) < _ENOUGH:
         return max(least, 1.0)
     free = max(2 * len(seen) - used_numbers(calibration), 1.0)
@@ -138,21 +138,29 @@ def _suspect(spots: SpotResiduals, row: int, column: int, usual: float) -> Suspe
 
 def _residuals(calibration: FitResult, label: str, data: Measurements, uncertain: float) -> SpotResiduals:
     nominal = ErrorModel(calibration.robot.chain, (), (), sessions=data.session_names or ("",))
-    before, _ = SpotModel(nominal, data).predict(np.empty(0))
+    before, _ = SpotModel(nominal, replace(data, readings=(), lengths=())).predict(np.empty(0))
     model = SpotModel(calibration.errors, data, joints=bool(np.any(calibration.estimate.noise.joint_sigma)))
     after, _ = model.predict(calibration.x)
-    here = model.linearise(calibration.x)
+    here = _of_spots(model.linearise(calibration.x), data)
     R = _spot_covariance(calibration, here)
     S = R + uncertain * _prediction_covariance(calibration, here) if honest_covariance(calibration) else R
     sigma = np.sqrt(np.trace(R, axis1=-2, axis2=-1) / 2)
     return SpotResiduals(label, data, before, after, sigma, _lengths(here.residual.reshape(after.shape), S, data))
 
 
+def _of_spots(here: Linearisation, data: Measurements) -> Linearisation:
+    """The spots alone, without what other instruments read."""
+    rows, columns = slice(len(data)), slice(2 * len(data.lasers))
+    names = ("residual", "jacobian", "joint_jacobian", "measured", "stated_sigma")
+    per_number = {name: getattr(here, name)[rows, columns] for name in names}
+    return replace(here, **per_number, blocks=here.blocks[: len(data.lasers)])
+
+
 def _spot_covariance(calibration: FitResult, here: Linearisation) -> Array4:
     """R of each spot alone, (n, lasers, 2, 2)."""
     noise = calibration.estimate.noise
     sigma = np.where(np.isnan(here.stated_sigma), noise.spot_sigma, here.stated_sigma)
-    pairs = sigma.reshape(len(sigma), -1, 2)
+    pairs = sigma.reshape(len(sigma), sigma.shape[1] // 2, 2)
     R = np.asarray(pairs[..., None] ** 2 * np.eye(2))
     if here.joint_jacobian.shape[-1]:
         reach = (here.joint_jacobian * noise.joint_sigma).reshape(*pairs.shape, -1)
@@ -162,7 +170,7 @@ def _spot_covariance(calibration: FitResult, here: Linearisation) -> Array4:
 
 def _prediction_covariance(calibration: FitResult, here: Linearisation) -> Array4:
     """J P J' of each spot alone, (n, lasers, 2, 2)."""
-    J = here.jacobian.reshape(len(here.jacobian), -1, 2, here.jacobian.shape[-1])
+    J = here.jacobian.reshape(len(here.jacobian), here.jacobian.shape[1] // 2, 2, here.jacobian.shape[-1])
     return np.asarray(J @ calibration.covariance @ np.swapaxes(J, -1, -2))
 
 

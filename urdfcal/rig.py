@@ -1,14 +1,16 @@
-"""Screen, lasers and module, found among the links of a URDF."""
+"""Screen, lasers and module, or a reference and targets, found among the links of a URDF."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from urdfcal.errors import RigError, no_such
+from urdfcal.instruments import NONE, Instruments
 from urdfcal.urdf_tree import UrdfTree
 
+TRACKER = "tracker"  # the link that targets are seen from, if there is one of that name
 _LASER = re.compile(r"laser_(\d+)$")
 
 
@@ -17,24 +19,60 @@ class Rig:
     """The links that measure.
 
     Attributes:
-        screen: The screen is the plane x = 0 of this link; a spot is (y, z) in it.
+        screen: The screen is the plane x = 0 of this link; a spot is (y, z) in it. Without lasers it is the reference.
         lasers: Each beam leaves the origin of its link along +z.
-        module: The lasers' nearest common fixed ancestor; with one laser its parent.
+        module: The lasers' nearest common fixed ancestor; with one laser its parent. Without lasers it is the link of the target
+            that most joints move.
+        instruments: What measures beside lasers, with the reference link named.
     """
 
     screen: str
     lasers: tuple[str, ...]
     module: str
+    instruments: Instruments = NONE
 
 
-def find_rig(tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | None = None) -> Rig:
-    """Find screen, lasers and module.
+def find_rig(
+    tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | None = None, instruments: Instruments | None = None
+) -> Rig:
+    """Find screen, lasers and module; without lasers (an empty sequence) the way leads from the reference to the farthest target.
 
     Raises:
         RigError: a link is missing, the lasers sit on several moving links, or nothing moves between lasers and screen.
     """
+    seen = _with_reference(tree, instruments or Instruments())
+    if seen.targets and lasers is not None and not lasers:
+        return Rig(seen.reference, (), _farthest(tree, seen), seen)
+    return replace(_laser_rig(tree, screen, lasers), instruments=seen)
+
+
+def _with_reference(tree: UrdfTree, instruments: Instruments) -> Instruments:
+    """The instruments with their reference link named, all links known to be there."""
+    if not instruments.targets:
+        return instruments
+    for target in instruments.targets:
+        tree.require_link(target.link)
+    default = TRACKER if TRACKER in tree.links else tree.root
+    reference = _link(tree, instruments.reference, "--reference") if instruments.reference else default
+    return replace(instruments, reference=reference)
+
+
+def _farthest(tree: UrdfTree, instruments: Instruments) -> str:
+    """The link of the target that most joints move against the reference."""
+
+    def moved_by(link: str) -> int:
+        away, back = tree.path_from_root(link), tree.path_from_root(instruments.reference)
+        return sum(joint.moves for joint in away if joint not in back) + sum(joint.moves for joint in back if joint not in away)
+
+    link = max((target.link for target in instruments.targets), key=moved_by)
+    if not moved_by(link):
+        raise RigError(f"no moving joint between the reference '{instruments.reference}' and the target '{link}'", tree.label)
+    return link
+
+
+def _laser_rig(tree: UrdfTree, screen: str | None, lasers: Sequence[str] | None) -> Rig:
     screen_link = _link(tree, "screen" if screen is None else screen, "--screen")
-    laser_links = tuple(_link(tree, laser, "--laser") for laser in lasers) if lasers else _lasers_by_name(tree)
+    laser_links = tuple(_link(tree, laser, "--laser") for laser in lasers) if lasers else _required_lasers(tree)
     if len(set(laser_links)) < len(laser_links):
         raise RigError(f"a laser is named twice: {', '.join(laser_links)}", tree.label)
     carriers = {laser: tree.moving_link(laser) for laser in laser_links}
@@ -61,13 +99,19 @@ def _link(tree: UrdfTree, name: str, option: str) -> str:
     return name
 
 
-def _lasers_by_name(tree: UrdfTree) -> tuple[str, ...]:
+def lasers_by_name(tree: UrdfTree) -> tuple[str, ...]:
+    """Every link named `laser_<digits>`, in numeric order."""
     numbered = [(int(match[1]), link) for link in tree.links if (match := _LASER.match(link))]
-    if not numbered:
+    return tuple(link for _, link in sorted(numbered))
+
+
+def _required_lasers(tree: UrdfTree) -> tuple[str, ...]:
+    lasers = lasers_by_name(tree)
+    if not lasers:
         raise RigError(
             "no link named laser_<digits>; name the lasers with --laser LINK, or add a module with robots/slm.urdf.xacro", tree.label
         )
-    return tuple(link for _, link in sorted(numbered))
+    return lasers
 
 
 def _common_fixed_ancestor(tree: UrdfTree, lasers: Sequence[str]) -> str:

@@ -9,6 +9,10 @@ Every entry may be missing:
     estimate: [beams]
     noise: {spot_mm: 1.0, joint_deg: 0.05}
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
+    reference: tracker                 # link that points and orientations are measured from
+    reference_known: false
+    target: tool0                      # link of figaroh's columns x1, y1 ...
+    sockets: {distances_mm: {'*/0 - */1': 50}}
     parameters:
       joint3.d_alpha: {sigma_deg: 0.1}
       slm.trans_x: {value_mm: 2.5, sigma_mm: 0.2}
@@ -74,6 +78,12 @@ class ParameterEntry(_Strict):
         return "m" if lengths else "rad" if angles else ""
 
 
+class SocketsEntry(_Strict):
+    """Known distances between sockets, by pattern: each * stands for the same text on both sides."""
+
+    distances_mm: dict[str, Positive] = {}
+
+
 class RigFile(_Strict):
     """The whole file; every entry may be missing."""
 
@@ -83,8 +93,12 @@ class RigFile(_Strict):
     error_models: dict[str, Literal["dh", "hayati", "placement", "offset"]] = {}
     estimate: list[Literal["beams", "beams4", "screen"]] = []
     noise: NoiseEntry = NoiseEntry()
-    priors: dict[Literal["joint", "mount", "screen", "beam"], str] = {}
+    priors: dict[Literal["joint", "mount", "screen", "beam", "reference", "target", "place"], str] = {}
     parameters: dict[str, ParameterEntry] = {}
+    reference: str | None = None
+    reference_known: bool = False
+    target: str | None = None
+    sockets: SocketsEntry = SocketsEntry()
 
     @field_validator("priors")
     @classmethod
@@ -112,7 +126,12 @@ class RigFile(_Strict):
             estimate=tuple(self.estimate),
             priors=self.prior_scales(),
             single={pattern: entry.prior() for pattern, entry in self.parameters.items()},
+            reference_known=self.reference_known,
         )
+
+    def lengths(self) -> list[tuple[str, float]]:
+        """Known distances between sockets: pattern and length, [m]."""
+        return [(pattern, length * MM) for pattern, length in self.sockets.distances_mm.items()]
 
 
 def read_rig_file(path: str | Path) -> RigFile:
@@ -144,5 +163,5 @@ def _in_words(found: Mapping[str, Any]) -> str:
 
 def _entries(steps: list[str]) -> list[str]:
     """The entries that the file may have at some place."""
-    kinds: dict[str, type[BaseModel]] = {"noise": NoiseEntry, "parameters": ParameterEntry}
+    kinds: dict[str, type[BaseModel]] = {"noise": NoiseEntry, "parameters": ParameterEntry, "sockets": SocketsEntry}
     return list(kinds.get(steps[0] if steps else "", RigFile).model_fields)

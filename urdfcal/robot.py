@@ -7,7 +7,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from lxml import etree
 from urdfcal.chain import Chain, build_chain
 from urdfcal.description import Description, read_description
 from urdfcal.errors import RobotError
+from urdfcal.instruments import NONE, Instruments
 from urdfcal.rig import Rig, find_rig
 from urdfcal.urdf_tree import UrdfTree, read_tree
 
@@ -32,6 +33,7 @@ class Robot:
         model: The whole robot as a Pinocchio model, mimic joints taken as joints of their own.
         screen: Name of the screen link asked for, or None for the default.
         lasers: Names of the laser links asked for, or None for the default.
+        instruments: What measures beside lasers, or instead of them.
     """
 
     description: Description
@@ -39,20 +41,27 @@ class Robot:
     model: Any
     screen: str | None = None
     lasers: tuple[str, ...] | None = None
+    instruments: Instruments = NONE
 
     @cached_property
     def rig(self) -> Rig:
-        """Screen, lasers and module.
+        """Screen, lasers and module, or reference and targets.
 
         Raises:
             RigError: they are not in the URDF, or not where they can be.
         """
-        return find_rig(self.tree, self.screen, self.lasers)
+        return find_rig(self.tree, self.screen, self.lasers, self.instruments)
 
     @cached_property
     def chain(self) -> Chain:
         """The joints on the way from the screen to the module, as a serial arm that stands on the screen."""
         return build_chain(self.tree, self.rig)
+
+    def seen_by(self, instruments: Instruments, lasers: tuple[str, ...] | None) -> Robot:
+        """The same robot, measured with other instruments; without lasers if an empty tuple of them is given."""
+        if (instruments, lasers) == (self.instruments, self.lasers):
+            return self
+        return replace(self, instruments=instruments, lasers=lasers)
 
     @property
     def name(self) -> str:

@@ -22,6 +22,7 @@ from urdfcal.robot import Robot
 
 _READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 _BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
+_LONGEST_RAIL = 5.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
 _SLENDER = 0.03  # radius of a simple shape over the reach of the arm
 _THINNEST, _THICKEST = 0.006, 0.05  # [m]
 
@@ -32,13 +33,25 @@ class Shapes:
 
     Attributes:
         model: Pinocchio geometry model on the robot's own model.
+        links: The link that each shape belongs to.
+        T_link_shape: Its placement in that link.
         simple: Links that are drawn by simple shapes.
         warnings: Meshes that were not found.
     """
 
     model: Any
+    links: tuple[str, ...]
+    T_link_shape: tuple[SE3, ...]
     simple: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    def on(self, robot: Robot) -> Any:
+        """The same shapes on another robot with these links: each stands in its link's frame as before."""
+        model = self.model.copy()
+        for shape, link, T_link_shape in zip(model.geometryObjects, self.links, self.T_link_shape, strict=True):
+            frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+            shape.parentJoint, shape.placement = frame.parentJoint, frame.placement * T_link_shape
+        return model
 
     def corners(self, robot: Robot, q: Vector) -> Matrix:
         """The corners of the boxes around all shapes at one configuration, (8 shapes, 3), [m], in the root's axes."""
@@ -72,7 +85,9 @@ def robot_shapes(robot: Robot) -> Shapes:
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
-    return Shapes(model, tuple(sorted(simple)), tuple(warnings))
+    frames = [robot.model.frames[shape.parentFrame] for shape in model.geometryObjects]
+    own = tuple(frame.placement.actInv(shape.placement) for frame, shape in zip(frames, model.geometryObjects, strict=True))
+    return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), tuple(warnings))
 
 
 def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
@@ -121,6 +136,9 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
         if joint.child in links and joint.moves:
             about = _z_to(np.array(joint.axis), np.zeros(3))
             _add(robot, model, joint.child, "joint", coal.Cylinder(1.3 * radius, 4 * radius), about, _BODY)
+        if joint.parent in links and joint.prismatic and 0 < joint.upper < _LONGEST_RAIL:
+            rail = joint.origin * _z_to(np.array(joint.axis), joint.upper / 2 * np.array(joint.axis))
+            _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * radius, joint.upper), rail, _BODY)
         reach = float(np.linalg.norm(joint.origin.translation))
         if joint.parent in links and reach > radius and joint.child != robot.rig.screen:
             between = _z_to(joint.origin.translation, joint.origin.translation / 2)

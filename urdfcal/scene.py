@@ -20,9 +20,11 @@ from urdfcal.robot import Robot
 from urdfcal.sensors import LEAST_ZX, spots_on_screen
 from urdfcal.urdf_tree import UrdfJoint
 
-_FAR = 3.0  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
-_LEAST_SHEET = 0.3  # [m]
-_MARK = 0.0085  # radius of a spot's disc over the sheet's size
+_FAR = 1.1  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
+_LEAST_SHEET = 0.6  # [m]
+_MARGIN = 0.02  # of the sheet's size, around the spots
+FINE = 5  # fine grid squares along one square of the grid
+_MARK, _LEAST_MARK = 0.0095, 0.0055  # radius of a spot's disc over the width of the bulk of the spots, and over the sheet's size
 _LONGEST_ARROW = 0.25  # of the sheet, for nine arrows out of ten, where the magnification is ours to choose
 MAGNIFICATIONS = (20.0, 10.0, 5.0, 2.0, 1.0)
 
@@ -115,10 +117,18 @@ class Scene:
         """Holds every measured spot, and predicted ones that are not too far off."""
         return _sheet(self.data.spots[self.data.seen], [beams.spots[beams.meets] for beams in (self.before, self.after) if beams])
 
-    @property
+    @cached_property
     def mark(self) -> float:
-        """Radius of a measured spot's disc, [m]: a size that can be seen."""
-        return _MARK * self.sheet.size
+        """Radius of a measured spot's disc, [m]: a size that can be seen and leaves room between spots."""
+        spots = self.data.spots[self.data.seen]
+        width = 2 * float(np.quantile(np.abs(spots - np.median(spots, axis=0)), 0.9)) if len(spots) else self.sheet.size
+        return float(np.clip(_MARK * width, _LEAST_MARK * self.sheet.size, _MARK * self.sheet.size))
+
+    @cached_property
+    def extent(self) -> float:
+        """How large all is: the sheet, or a usual beam, [m]."""
+        lengths = self.shown.length[self.lands(self.shown)]
+        return max(self.sheet.size, float(np.median(lengths)) if len(lengths) else 0.0)
 
     @cached_property
     def magnification(self) -> float:
@@ -157,7 +167,9 @@ def configurations(robot: Robot, q: Matrix) -> Matrix:
         position = factor * (q[:, names.index(leader)] if leader in names else np.zeros(len(q))) + shift
         index = model.getJointId(joint.name)
         start = model.idx_qs[index]
-        whole[:, start : start + model.nqs[index]] = np.stack([np.cos(position), np.sin(position)], -1) if model.nqs[index] == 2 else position[:, None]
+        whole[:, start : start + model.nqs[index]] = (
+            np.stack([np.cos(position), np.sin(position)], -1) if model.nqs[index] == 2 else position[:, None]
+        )
     return whole
 
 
@@ -188,9 +200,10 @@ def _sheet(measured: Matrix, predicted: list[Matrix]) -> Sheet:
     near = [spots[(np.abs(spots - centre) < _FAR * half.max()).all(axis=1)] for spots in predicted]
     held = np.concatenate([base, *near, [centre - half, centre + half]])
     low, high = held.min(axis=0), held.max(axis=0)
-    pitch = _pitch(float(np.max(high - low)) / 10)
-    margin = 0.02 * float(np.max(high - low))
-    return Sheet(pitch * np.floor((low - margin) / pitch), pitch * np.ceil((high + margin) / pitch), pitch)
+    size = float(np.max(high - low))
+    pitch, margin = _pitch(size / 10), _MARGIN * size
+    fine = pitch / FINE
+    return Sheet(fine * np.floor((low - margin) / fine), fine * np.ceil((high + margin) / fine), pitch)
 
 
 def _pitch(wanted: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,11 +13,11 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.dh import DhRow, dh_table
 from urdfcal.errors import RigError, UsageError
-from urdfcal.geometry import Matrix, Vector, X, Z, cross, rotation_screw, six_screws, translation_screw
+from urdfcal.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_screw, six_screws, translation_screw
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint
 
-Kind = Literal["joint", "mount", "screen", "beam"]
+Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place"]
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
@@ -38,6 +38,8 @@ class Slot:
         joint: URDF joint next to it; None for a module that has no fixed joint of its own.
         before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
         spare: Those of the names that the gauge rule considers last, after everything else.
+        frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
+        found: Where the frame was found to stand before any fit, by session: the slot's own placement, ahead of its screws.
     """
 
     label: str
@@ -47,6 +49,8 @@ class Slot:
     joint: str | None
     before: bool = False
     spare: tuple[str, ...] = ()
+    frame: int | None = None
+    found: Mapping[str, SE3] = field(default_factory=dict)
 
     @cached_property
     def motions(self) -> tuple[Any, ...]:
@@ -87,12 +91,24 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     """
     per_joint = per_joint or {}
     rows = _AxisTables(chain)
-    slots: list[Slot] = [_screen_slot(chain, rig)]
-    for step in chain.moving:
-        slots.append(_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows))
+    joints = [_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows) for step in chain.moving]
+    instruments = frame_slots(chain, rig)
+    if not rig.lasers:
+        return (*joints, *instruments)
+    slots = [_screen_slot(chain, rig), *joints, *instruments]
     names, screws = (PAPER_MOUNT, _paper_mount(chain, rows)) if model == "dh" else (SIX, six_screws())
     slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
     return tuple(slots)
+
+
+def frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
+    """The placement of the measuring frame, and the offset of every target on its link."""
+    seen = rig.instruments
+    slots = [Slot(seen.reference, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
+    for index, target in enumerate(seen.targets, start=1):
+        count = 6 if target.whole else 3
+        slots.append(Slot(target.name, "target", SIX[:count], six_screws()[:, :count], None, frame=index))
+    return slots
 
 
 def _paper_mount(chain: Chain, rows: _AxisTables) -> Matrix:

@@ -1,4 +1,4 @@
-"""The measurement function of a robot with lasers: J = Jac2 Jac1, equation (12), stacked over all poses."""
+"""The measurement function of a robot: J = Jac2 Jac1, equation (12), stacked over all poses, for lasers and every other sensor."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
-from urdfcal.noise import Linearisation
+from urdfcal.noise import Block, Linearisation
+from urdfcal.readings import START_SIGMA
 from urdfcal.sensors import spot_jacobian, spots_on_screen
+from urdfcal.target_model import known_rows, readings_of
 
 Rows = slice | npt.NDArray[np.intp]
 
@@ -23,8 +25,13 @@ class SpotModel:
         self.errors, self.data, self.joints = errors, data, joints
         self.arm = ArmKinematics(errors.chain)
         self.positions = self.arm.chain_positions(data.q)
-        self.measured = np.repeat(data.seen, 2, axis=1)
-        self.stated_sigma = np.repeat(data.sigma, 2, axis=1)
+        self.readings = readings_of(errors, data, first=2 * len(data.lasers))
+        self.spots = slice(0, 2 * len(data.lasers))
+        self.kinds = kinds_of(data)
+        self.blocks = self._blocks()
+        self.measured = np.concatenate([np.repeat(data.seen, 2, axis=1), *(each.measured for each in self.readings)], axis=1)
+        stated = [np.broadcast_to(each.data.sigma[:, None], each.measured.shape) for each in self.readings]
+        self.stated_sigma = np.concatenate([np.repeat(data.sigma, 2, axis=1), *stated], axis=1)
         self.parts = [part for session in errors.sessions for part in self._chunks(session)]
         self.blind = _other_lasers_rows(errors)
 
@@ -43,17 +50,26 @@ class SpotModel:
         n, numbers = self.measured.shape
         residual, jacobian = np.empty((n, numbers)), np.empty((n, numbers, len(self.errors.names)))
         joint_jacobian = np.empty((n, numbers, len(self.data.joints) if self.joints else 0))
-        reached = True
+        reached, own = True, self.spots
         placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
         for session, rows in self.parts:
             motion = motion_at(self.arm, placed[session], self.positions[rows], self.joints)
             spots, lengths = spots_on_screen(motion.source, motion.direction)
-            seen, measured = self.data.seen[rows], self.measured[rows]
+            seen, measured = self.data.seen[rows], self.measured[rows, own]
             reached &= bool((lengths[seen] > 0).all() and np.isfinite(lengths[seen]).all())
-            residual[rows] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
-            jacobian[rows], joint_jacobian[rows] = self._derivatives(motion, spots, measured)
+            residual[rows, own] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
+            jacobian[rows, own], joint_jacobian[rows, own] = self._derivatives(motion, spots, measured)
+            for each in self.readings:
+                looked = each.look(motion, placed[session], rows, x)
+                residual[rows, each.columns], jacobian[rows, each.columns], joint_jacobian[rows, each.columns] = looked
         trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() else "not_finite"
-        return Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble)
+        here = Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble, self.blocks)
+        return known_rows(here, self.errors, self.data.lengths, x)
+
+    def _blocks(self) -> tuple[Block, ...]:
+        """Every spot and every reading of a pose, with the index of its noise."""
+        spots = tuple(Block(laser, slice(2 * index, 2 * index + 2)) for index, laser in enumerate(self.data.lasers))
+        return (*spots, *(each.block(self.kinds.index(each.data.kind)) for each in self.readings))
 
     def unreached(self, x: Vector) -> tuple[int, int] | None:
         """Pose and laser of the first measured beam that does not meet the screen at x."""
@@ -63,6 +79,8 @@ class SpotModel:
 
     def _derivatives(self, motion: LaserMotion, spots: Array3, measured: Mask) -> tuple[Array3, Array3]:
         n, numbers = measured.shape
+        if not numbers:
+            return np.empty((n, 0, motion.jac1.shape[2])), np.empty((n, 0, motion.joint_jacobian.shape[2]))
         jac2 = spot_jacobian(spots, motion.direction).reshape(n, numbers, 6)
         if not measured.all():
             jac2[~measured] = 0.0
@@ -76,6 +94,17 @@ class SpotModel:
             return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
         rows = np.flatnonzero(self.data.sessions == session)
         return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
+
+
+def kinds_of(data: Measurements) -> tuple[str, ...]:
+    """What was measured, in the order of the noise: spots first, then the readings' kinds as they come."""
+    spots = ("spot",) if data.lasers else ()
+    return (*spots, *dict.fromkeys(each.kind for each in data.readings))
+
+
+def start_sigma(data: Measurements) -> Vector:
+    """Noise of every kind before any is known, (kinds,)."""
+    return np.array([START_SIGMA[kind] for kind in kinds_of(data)])
 
 
 def _other_lasers_rows(errors: ErrorModel) -> Mask | None:

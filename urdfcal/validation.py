@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.calibration import Calibration, evaluate, fit
+from urdfcal.calibration import Calibration, fit
+from urdfcal.error_table import SpotTable, error_table, rms_mm
 from urdfcal.errors import UsageError
-from urdfcal.fit_result import SpotTable, rms_mm, spot_table
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
@@ -103,15 +103,36 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
     if "test" in fit_arguments:
         raise UsageError("cross-validation has test poses of its own; give it no others")
     data, _ = data.split()
-    predicted = np.full_like(data.spots, np.nan)
+    before, after = _Gathered(len(data)), _Gathered(len(data))
     rms, rejected = [], []
     for number, held in enumerate(_folds(data, folds, rng), start=1):
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
-        predicted[held] = SpotModel(found.errors, out).predict(found.x)[0]
-        rms.append(rms_mm(spot_table(out, predicted[held])))
+        here = SpotModel(found.errors, out).linearise(found.x)
+        before.take(found.nominal.linearise(out), held)
+        after.take(here, held)
+        rms.append(rms_mm(error_table(here, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
-    return CrossValidation(evaluate(robot, data), spot_table(data, predicted), np.array(rms), tuple(rejected))
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected))
+
+
+class _Gathered:
+    """Residuals of every pose, each from the fold that did not see it."""
+
+    def __init__(self, poses: int) -> None:
+        self.poses = poses
+        self.whole: Linearisation | None = None
+
+    def take(self, here: Linearisation, rows: Rows) -> None:
+        """Put the residuals of some poses in their places."""
+        if self.whole is None:
+            blank = np.zeros((self.poses, here.residual.shape[1]))
+            self.whole = replace(here, residual=blank, measured=blank > 0)
+        self.whole.residual[rows], self.whole.measured[rows] = here.residual[: len(rows)], here.measured[: len(rows)]
+
+    def table(self) -> SpotTable:
+        """Distances over all poses."""
+        return error_table(self.whole, self.poses) if self.whole is not None else {}
 
 
 def coverage_warnings(robot: Robot, calibration: Calibration) -> tuple[str, ...]:
@@ -165,7 +186,7 @@ def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     here = SpotModel(errors, calibration.data, joints).linearise(calibration.x)
     there = SpotModel(errors, test, joints).linearise(calibration.x)
     P = _posterior(here, noise, errors.sigma)
-    if not noise.stated:
+    if not noise.all_stated:
         noise = noise.estimated(here, here.count - len(P) + float(np.sum(np.diag(P) / errors.sigma**2)))
         P = _posterior(here, noise, errors.sigma)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from urdfcal.fit_result import FitResult, SpotTable, rms_mm
-from urdfcal.geometry import MM
+from urdfcal.error_table import SpotTable, rms_mm
+from urdfcal.fit_result import FitResult
+from urdfcal.instrument_report import noise_in_words
 from urdfcal.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 
 Level = Literal["good", "warn", "bad"]
@@ -78,14 +79,16 @@ def count_of(number: int, noun: str) -> str:
 
 def mean_mm(table: SpotTable) -> float:
     """Mean distance over all lasers, [mm]."""
-    return sum(row.n * row.mean_mm for row in table.values()) / max(sum(row.n for row in table.values()), 1)
+    rows = [row for row in table.values() if row.unit == "mm"]
+    return sum(row.n * row.mean for row in rows) / max(sum(row.n for row in rows), 1)
 
 
 def _headline(calibration: FitResult) -> str:
     before, after = rough(mean_mm(calibration.before)), rough(mean_mm(calibration.after))
     tested = calibration.test[1] if calibration.test else {}
     test = f" ({rough(mean_mm(tested))} mm on test poses, which were not fitted)" if tested else ""
-    return f"The spots lay {before} mm off on average; after calibration {after} mm{test}."
+    what = "spots" if calibration.data.lasers else "measurements"
+    return f"The {what} lay {before} mm off on average; after calibration {after} mm{test}."
 
 
 def _trust(calibration: FitResult) -> Finding:
@@ -131,8 +134,8 @@ def _noise(calibration: FitResult) -> list[Finding]:
     noise = calibration.estimate.noise
     if calibration.rejection or not honest_covariance(calibration):
         return []
-    if not noise.stated:
-        return [Finding("good", f"The spot noise is {noise.spot_sigma / MM:.3g} mm a coordinate, estimated from the residuals.")]
+    if not noise.all_stated:
+        return [Finding("good", f"Estimated from the residuals: {noise_in_words(calibration)}.")]
     return [_stated_noise(calibration.chi_squared, max(measured_numbers(calibration) - used_numbers(calibration), 1.0))]
 
 

@@ -1,15 +1,17 @@
-"""Convergence from afar: screen and module placed only roughly, joints 20 mm and 3 deg off. Does fit reach the answer?
+"""Convergence from afar: screen and module placed only roughly, joints 20 mm and 3 deg off. Does `fit` reach the answer?
 
 Truths: Gaussian joint parameters; screen and module off by a given distance and angle in random directions. On a rig whose screen has
-no placement of its own, the joint parameters that stand for it are off instead. The nominal robot is where every fit starts. *Same
-answer*: the iterated fit from the start agrees with the one from the truth, under the same priors, to 1e-3 of every sigma.
-*Without start*: the same for a fit from the nominal robot under the priors as they stand. Spots have no outliers unless asked for.
+no placement of its own, the joint parameters that stand for it are off instead. The nominal robot is where `fit` starts. *Same answer*:
+it agrees to 1e-3 of every sigma with the filter that starts from the truth, on the spots that `fit` kept and under the priors and the
+noise that it had in the end. *Refused*: `fit` took the data for mistaken ones. *Widened*: it said that the rig stands elsewhere. *Lost*:
+share of the good spots that were left out, all starts together. Spots have no outliers unless asked for.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +23,10 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import UsageError
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM
-from urdfcal.measurements import Measurements
-from urdfcal.noise import START_SPOT_SIGMA, Noise
+from urdfcal.measurements import Mask, Measurements
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import find_start, rig_columns
+from urdfcal.start import rig_columns
 
 Array = npt.NDArray[np.float64]
 
@@ -49,52 +50,64 @@ def draw_truth(errors: ErrorModel, arguments: argparse.Namespace, rng: np.random
     return x
 
 
-def measured(robot: urdfcal.Robot, errors: ErrorModel, x: Array, arguments: argparse.Namespace, rng: np.random.Generator) -> Measurements:
-    """Noisy spots of the true robot, some of them gross outliers."""
+def measured(
+    robot: urdfcal.Robot, errors: ErrorModel, x: Array, arguments: argparse.Namespace, rng: np.random.Generator
+) -> tuple[Measurements, Mask]:
+    """Noisy spots of the true robot, some of them gross outliers, and which are not."""
     q = draw_poses(robot, errors, x, arguments.poses, rng)
     data = simulate(robot, errors, x, q, rng, SimulatedNoise(arguments.noise_mm * MM))
     bad = rng.random(data.seen.shape) < arguments.outliers
-    return urdfcal.measurements_from(robot, data.q, data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+    spots = data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape)
+    return urdfcal.measurements_from(robot, data.q, spots), ~bad
 
 
-def same(one: Estimate, other: Estimate) -> bool:
-    """Whether two estimates agree."""
-    apart = np.abs(one.belief.x - other.belief.x) / np.sqrt(np.diag(other.belief.P))
-    return one.converged and other.converged and float(apart.max()) < 1e-3
+@dataclass(frozen=True)
+class Run:
+    """One start: whether the answer is the one from the truth, what `fit` said, [ms], good spots lost, and the words behind a failure."""
+
+    same: bool
+    refused: bool
+    widened: bool
+    milliseconds: float
+    sweeps: int
+    lost: float
+    words: str = ""
 
 
-def run(robot: urdfcal.Robot, errors: ErrorModel, arguments: argparse.Namespace, seed: int) -> Array | None:
-    """Same answer with a start, and without; plausible; milliseconds of the start, and of the fit from it; sweeps."""
+def from_the_truth(found: urdfcal.Calibration, x: Array) -> Estimate:
+    """The fit that starts from the truth, on the data and under the priors and noise that `fit` had in the end."""
+    errors, noise = found.errors, replace(found.estimate.noise, stated=True)
+    return iterated_schedule(SpotModel(errors, found.data).linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
+
+
+def run(robot: urdfcal.Robot, errors: ErrorModel, estimate: tuple[str, ...], arguments: argparse.Namespace, seed: int) -> Run | None:
+    """One start; None where the beams of such a robot hardly ever meet this screen."""
     rng = np.random.default_rng(seed)
     x = draw_truth(errors, arguments, rng)
     try:
-        model = SpotModel(errors, measured(robot, errors, x, arguments, rng))
+        data, good = measured(robot, errors, x, arguments, rng)
     except UsageError:
-        return None  # the beams of this robot hardly ever meet this screen
-    noise = Noise(START_SPOT_SIGMA, np.zeros(len(robot.chain.inputs)), stated=False)
-    times = [time.perf_counter()]
-    begun = find_start(model, noise)
-    times.append(time.perf_counter())
-    found = fitted(model, begun.errors, noise, begun.x)
-    times.append(time.perf_counter())
-    answer = fitted(model, begun.errors, noise, x)
-    if not same(found, answer) and arguments.verbose:
-        print(f"  seed {seed}: from the start {found.stop}, from the truth {answer.stop}; {begun.scale / MM:.3g} mm left; {begun.message}")
-    plain = same(fitted(model, errors, noise, errors.mean), fitted(model, errors, noise, x))
-    return np.array([same(found, answer), plain, begun.plausible, *(1e3 * np.diff(times)), len(found.history)])
+        return None
+    at = time.perf_counter()
+    try:
+        found = urdfcal.fit(robot, data, estimate=estimate)
+    except urdfcal.FitRejected as refused:
+        return Run(False, True, False, 1e3 * (time.perf_counter() - at), 0, 0.0, str(refused))
+    milliseconds = 1e3 * (time.perf_counter() - at)
+    widened, sweeps = any("widened to" in warning for warning in found.warnings), len(found.estimate.history)
+    answer, lost = from_the_truth(found, x), float(np.mean(~found.data.seen[good]))
+    apart = float(np.max(np.abs(found.x - answer.belief.x) / found.sigma))
+    words = f"{found.estimate.stop}, from the truth {answer.stop}; {apart:.2g} sigmas apart; spot noise "
+    words += f"{found.estimate.noise.spot_sigma / MM:.3g} mm; {len(found.outliers)} spots left out; {found.rejection or 'not rejected'}"
+    return Run(found.converged and answer.converged and apart < 1e-3, False, widened, milliseconds, sweeps, lost, words)
 
 
-def fitted(model: SpotModel, errors: ErrorModel, noise: Noise, x: Array) -> Estimate:
-    """The iterated fit from a given state."""
-    return iterated_schedule(model.linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
-
-
-def row(name: str, runs: Array) -> str:
+def row(name: str, runs: list[Run]) -> str:
     """One line of the table."""
-    reached, plain, plausible = runs[:, :3].sum(axis=0).astype(int)
-    _, _, _, begin, fit, sweeps = np.median(runs, axis=0)
-    times = f"{f'{begin:.0f} ..{runs[:, 3].max():.0f}':>14s}{fit:10.0f}{sweeps:8.0f}"
-    return f"{name:16s}{len(runs):7d}{reached:13d}{plain:15d}{plausible:11d}{times}"
+    same, refused, widened = (sum(getattr(run, what) for run in runs) for what in ("same", "refused", "widened"))
+    times, lost = [run.milliseconds for run in runs], f"{np.mean([run.lost for run in runs]):.2%}"
+    spent, sweeps = f"{np.median(times):.0f} ..{max(times):.0f}", np.median([run.sweeps for run in runs])
+    return f"{name:16s}{len(runs):7d}{same:13d}{refused:9d}{widened:9d}{lost:>8s}{spent:>14s}{sweeps:8.0f}"
 
 
 def main() -> None:
@@ -111,13 +124,15 @@ def main() -> None:
     parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
     parser.add_argument("-v", "--verbose", action="store_true", help="name the seeds that fail")
     arguments = parser.parse_args()
-    head = f"{'robot':16s}{'starts':>7s}{'same answer':>13s}{'without start':>15s}{'plausible':>11s}"
-    print(f"{head}{'start [ms]':>14s}{'fit [ms]':>10s}{'sweeps':>8s}")
+    print(f"{'robot':16s}{'starts':>7s}{'same answer':>13s}{'refused':>9s}{'widened':>9s}{'lost':>8s}{'fit [ms]':>14s}{'sweeps':>8s}")
     for name, estimate in CASES:
         robot = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro")
         errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=estimate))
-        runs = [found for seed in range(arguments.seeds) if (found := run(robot, errors, arguments, seed)) is not None]
-        print(row(" +".join((name, *estimate)), np.array(runs)), flush=True)
+        runs = {seed: found for seed in range(arguments.seeds) if (found := run(robot, errors, estimate, arguments, seed)) is not None}
+        for seed, found in runs.items():
+            if arguments.verbose and not found.same:
+                print(f"  seed {seed}: {found.words}")
+        print(row(" +".join((name, *estimate)), list(runs.values())), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""Mistaken measurements: is each kind of mistake named, and is none named on healthy data?
+"""Mistaken measurements: does `fit` name each kind of mistake, and leave healthy data alone?
 
 Truths of mistaken sets: Gaussian errors of 3 mm and 0.3 deg on the parameters that fit has. Truths of healthy sets: by turns 1 mm and
 0.1 deg, 10 mm and 1 deg, and these with 20 % of the spots up to 200 mm off; by turns on the parameters of fit and in all six
-directions of every joint, mount and screen. Mistakes of one joint take the joints in turn. *start*: the start took the data for
-those of a rig placed elsewhere, and said so; *other*: another mistake was named; *silent*: nothing was said.
+directions of every joint, mount and screen. Mistakes of one joint take the joints in turn. *named*: `fit` refused the data and said
+which mistake it is; *other*: it refused them for something else; *start*: it took the data for those of a rig placed elsewhere, and
+said so; *rejected*: it fitted them, and found the result not to be trusted; *silent*: nothing was said. Each of these but the last is
+an alarm where the data are healthy.
 """
 
 from __future__ import annotations
@@ -19,14 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.error_model import ErrorModel
 from urdfcal.gauge import build_error_model
 from urdfcal.geometry import DEG, MM
-from urdfcal.hypotheses import best_hypothesis
-from urdfcal.noise import START_SPOT_SIGMA, Noise
 from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
-from urdfcal.spot_model import SpotModel
-from urdfcal.start import find_start
 
 Array = npt.NDArray[np.float64]
 Data = urdfcal.Measurements
@@ -36,7 +33,7 @@ ROBOTS = ("arm7", "panda", "ur5")
 HEALTHY = ((1.0, 0.1, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 0.2))  # mm, deg, share of outliers
 
 
-def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, poses: int, seed: int) -> tuple[ErrorModel, Data]:
+def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, poses: int, seed: int) -> Data:
     """Measurements of a robot with random errors of some size [mm], [deg], and share of outliers; in all six directions on request."""
     mm, deg, outliers = size
     rng, errors = np.random.default_rng(seed), build_error_model(robot.chain, robot.rig)
@@ -44,20 +41,21 @@ def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, pos
     true, x = random_truth(robot, rng, mm * MM, deg * DEG) if six else (errors, rng.normal(0, scale))
     data = simulate(robot, true, x, draw_poses(robot, true, x, poses, rng), rng, SimulatedNoise(1 * MM))
     bad = rng.random(data.seen.shape) < outliers
-    return errors, replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+    return replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
 
 
-def checked(errors: ErrorModel, data: Data) -> tuple[str, float, float]:
-    """What is said of some measurements, and how long it took: start, hypotheses, [s]."""
-    model = SpotModel(errors, data)
-    noise = Noise(START_SPOT_SIGMA, np.zeros(len(data.joints)), stated=False)
+def said_of(robot: urdfcal.Robot, data: Data) -> tuple[str, str, float]:
+    """What `fit` makes of some measurements: refused, start, rejected or silent; its words; and how long it took, [s]."""
     at = time.perf_counter()
-    begun = find_start(model, noise)
-    middle = time.perf_counter()
-    if begun.plausible:
-        return begun.message and f"start: {begun.message}", middle - at, 0.0
-    found = best_hypothesis(model, noise)
-    return found.words if found else "", middle - at, time.perf_counter() - middle
+    try:
+        found = urdfcal.fit(robot, data)
+    except urdfcal.FitRejected as refused:
+        return "refused", str(refused), time.perf_counter() - at
+    seconds = time.perf_counter() - at
+    widened = [warning for warning in found.warnings if "widened to" in warning]
+    if widened:
+        return "start", widened[0], seconds
+    return ("rejected", found.rejection, seconds) if found.rejection else ("silent", "", seconds)
 
 
 def spots(matrix: list[list[float]], words: str) -> Mistake:
@@ -102,18 +100,19 @@ def mistakes(joints: int) -> dict[str, list[Mistake]]:
     }
 
 
-def tried(robot: urdfcal.Robot, variants: list[Mistake], arguments: argparse.Namespace, times: list[list[float]]) -> Counter[str]:
+def tried(robot: urdfcal.Robot, variants: list[Mistake], arguments: argparse.Namespace, times: list[float]) -> Counter[str]:
     """How often a kind of mistake was named, and what was said in place of it."""
     tally: Counter[str] = Counter()
     for seed in range(arguments.seeds):
-        errors, data = drawn(robot, (3, 0.3, arguments.outliers), False, arguments.poses, seed)
+        data = drawn(robot, (3, 0.3, arguments.outliers), False, arguments.poses, seed)
         wrong, words = variants[seed % len(variants)](data)
-        said, *seconds = checked(errors, wrong)
+        verdict, said, seconds = said_of(robot, wrong)
         times.append(seconds)
-        verdict = "named" if words in said else "start" if said.startswith("start") else "other" if said else "silent"
+        if verdict == "refused":
+            verdict = "named" if words in said else "other"
         tally[verdict] += 1
         if arguments.verbose and verdict != "named":
-            print(f"    {words}, seed {seed}: {said or 'nothing said'}")
+            print(f"    {words}, seed {seed}, {verdict}: {said or 'nothing said'}")
     return tally
 
 
@@ -121,9 +120,11 @@ def alarms(robot: urdfcal.Robot, arguments: argparse.Namespace) -> list[str]:
     """What was said of healthy sets, where anything was."""
     said = []
     for seed in range(arguments.healthy):
-        errors, data = drawn(robot, HEALTHY[seed % 3], bool(seed // 3 % 2), arguments.poses, 1000 + seed)
-        said.append(checked(errors, data)[0])
-    return [words for words in said if words]
+        data = drawn(robot, HEALTHY[seed % 3], bool(seed // 3 % 2), arguments.poses, 1000 + seed)
+        verdict, words, _ = said_of(robot, data)
+        if verdict != "silent":
+            said.append(f"set {seed}, {verdict}: {words}")
+    return said
 
 
 def main() -> None:
@@ -142,8 +143,7 @@ def main() -> None:
             tally = tried(robot, variants, arguments, times)
             counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
             print(f"{name:7s}{kind:22s}{tally.total():5d} tried: {counts}", flush=True)
-        (begin, seek), longest = np.median(times, axis=0), np.sum(times, axis=1).max()
-        print(f"{name:7s}seconds for a mistaken set: start {begin:.2f}, hypotheses {seek:.2f}, both together at most {longest:.2f}")
+        print(f"{name:7s}seconds for a mistaken set: {np.median(times):.2f}, at most {max(times):.2f}")
         false = alarms(robot, arguments)
         print(f"{name:7s}healthy sets: {arguments.healthy}, alarms: {len(false)} {' | '.join(false[:3])}", flush=True)
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from urdfcal.commands.console import finish, say, warn
-from urdfcal.commands.inputs import expanded_note, load, require_places
-from urdfcal.commands.options import Json, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs
-
-if TYPE_CHECKING:
-    pass
+from urdfcal.commands.inputs import about, expanded_note, listed, load, require_places
+from urdfcal.commands.options import Formats, Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
 
 
 def apply(
@@ -20,30 +17,48 @@ def apply(
     calibration: Annotated[
         Path, typer.Argument(metavar="CALIBRATION", help="Written by fit, or the truth of a simulation.", show_default=False)
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="OUT", help="Calibrated URDF.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="Main output, by default the calibrated URDF.", show_default=False)
+    ],
+    output_format: Formats = None,
+    ur_hash_from: UrHash = None,
     force: Annotated[
         bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
     ] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
     xacro_arg: XacroArgs = None,
     package_dir: PackageDirs = None,
+    seed: Seed = 0,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Put a stored calibration on a robot description (again)."""
-    from urdfcal.calibration_file import read_calibration
-    from urdfcal.files import write_whole
-    from urdfcal.urdf_writer import with_origins
+    import numpy as np
 
-    arm = load(robot, xacro_arg, package_dir, None, None)
-    require_places(output, inputs=(robot, calibration))
-    origins, missing = read_calibration(calibration).origins_for(arm, force)
-    write_whole(output, with_origins(arm.description, origins))
+    from urdfcal.calibration_file import read_calibration
+    from urdfcal.files import write_together
+    from urdfcal.formats import Deployed, deployment
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
+        say(verbose, about(arm))
+    plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
+    require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
+    stored = read_calibration(calibration)
+    plan.require_fit_for(arm, stored.corrections)
+    origins, missing = stored.origins_for(arm, force)
+    deployed = Deployed(arm, origins, np.random.default_rng(seed))
+    files = deployed.files(plan)
+    warn(deployed.warnings(plan), quiet)
+    write_together(files)
     if missing:
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
+    places = {name: str(place) for name, place in plan.places.items()}
     finish(
-        {"urdf": str(output), "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {output} with {len(origins)} corrected origins" + expanded_note(arm),
+        {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
+        f"wrote {listed(files)} with {len(origins)} corrected origins" + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

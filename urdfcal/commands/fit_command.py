@@ -16,17 +16,18 @@ from urdfcal.commands.inputs import (
     joint_noise,
     listed,
     load,
+    measured,
     positive,
     priors_of,
     require_places,
     rig_file_of,
     spot_noise,
-    stem_of,
 )
 from urdfcal.commands.options import (
     DataFile,
     Estimate,
     Fix,
+    Formats,
     JointSigma,
     Json,
     Lasers,
@@ -38,10 +39,13 @@ from urdfcal.commands.options import (
     PriorMount,
     PriorScreen,
     Quiet,
+    Reference,
     RigOption,
     RobotFile,
     Screen,
     Seed,
+    Target,
+    UrHash,
     Verbose,
     XacroArgs,
 )
@@ -56,8 +60,10 @@ def fit(
     measurements: DataFile,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="URDF", help="Calibrated URDF. Default: <stem>_calibrated.urdf here.", show_default=False),
+        typer.Option("-o", "--output", metavar="OUT", help="Main output. Default: <stem>_calibrated.urdf here.", show_default=False),
     ] = None,
+    output_format: Formats = None,
+    ur_hash_from: UrHash = None,
     rig: RigOption = None,
     error_model: Model = None,
     estimate: Estimate = None,
@@ -104,6 +110,11 @@ def fit(
         Path | None, typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json.", show_default=False)
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
+    reference: Reference = None,
+    reference_known: Annotated[
+        bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
+    ] = False,
+    target: Target = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -122,7 +133,7 @@ def fit(
     from urdfcal.calibration import laid_over
     from urdfcal.extras import Extras, workspace_accuracy
     from urdfcal.files import write_together
-    from urdfcal.measurements import read_measurements
+    from urdfcal.formats import deployment
     from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
     from urdfcal.report_files import report_bytes, require_report_ending
@@ -132,13 +143,16 @@ def fit(
 
     rig_file = rig_file_of(rig)
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
-    urdf = output or Path(f"{arm.description.stem}_calibrated.urdf")
-    record = urdf.parent / f"{stem_of(urdf)}_calibration.yaml"
+    plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
+    plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
+    record = plan.main.parent / f"{plan.stem}_calibration.yaml"
     if report is not None:
         require_report_ending(report)
-    require_places(urdf, record, *([report] if report else []), inputs=(robot, measurements, rig, test))
-    data = read_measurements(measurements, arm)
-    further = read_measurements(test, arm) if test else None
+    places = (*plan.places.values(), record, *([report] if report else []))
+    require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from))
+    unmeasured = arm
+    arm, data = measured(unmeasured, measurements, rig_file, reference, target)
+    further = measured(unmeasured, test, rig_file, reference, target)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, np.random.default_rng(seed))
     options = laid_over(
@@ -149,6 +163,7 @@ def fit(
         only or (),
         priors_of(prior_joint, prior_mount, prior_screen, prior_beams),
     )
+    options = replace(options, reference_known=options.reference_known or reference_known)
     how: dict[str, Any] = {
         "estimator": estimator,
         "schedule": schedule,
@@ -178,12 +193,14 @@ def fit(
         warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
         calibration.require_trustworthy()
-    files: dict[str | Path, bytes] = {urdf: calibration.urdf(), record: calibration.record(sys.argv)}
+    deployed = calibration.deployed(np.random.default_rng(seed))
+    files: dict[str | Path, bytes] = {**deployed.files(plan), record: calibration.record(sys.argv)}
+    warn(deployed.warnings(plan), quiet)
     if report is not None:
         files[report] = report_bytes(report, calibration, sys.argv)
     write_together(files)
     machine = calibration_json(calibration) | extra.machine() if as_json else None
     show(machine, [*calibration_blocks(calibration), *extra.blocks()])
-    say(not as_json, f"\nwrote {listed(files)}" + expanded_note(arm), sys.stdout)
+    say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in plan.places else ""), sys.stdout)
     if calibration.rejection:
         raise typer.Exit(FitRejected.exit_code)

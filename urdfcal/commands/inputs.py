@@ -10,6 +10,7 @@ from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
     from urdfcal.error_model import PriorScale
+    from urdfcal.measurements import Measurements
     from urdfcal.rig_file import RigFile
     from urdfcal.robot import Robot
     from urdfcal.slots import Kind
@@ -47,6 +48,29 @@ def load(
         screen=screen or (rig.screen if rig else None),
         lasers=lasers or (rig.lasers if rig else None),
     )
+
+
+def measured(
+    robot: Robot, path: Path, rig: RigFile | None = None, reference: str | None = None, target: str | None = None
+) -> tuple[Robot, Measurements]:
+    """Measurements, and the robot with the instruments that they were made with.
+
+    Raises:
+        MeasurementError: the file cannot be read.
+        RigError: a link that is needed is not there, or not where it can be.
+        UsageError: known distances belong to no sockets.
+    """
+    from dataclasses import replace
+
+    from urdfcal.calibration import as_measured
+    from urdfcal.measurements import read_measurements
+    from urdfcal.readings import known_lengths
+
+    reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
+    data = read_measurements(path, robot, reference=reference, target=target)
+    lengths = known_lengths(rig.lengths() if rig else (), data.readings)
+    data = replace(data, lengths=lengths) if lengths else data
+    return as_measured(robot, data), data
 
 
 def rig_file_of(path: Path | None) -> RigFile:
@@ -115,15 +139,14 @@ def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
     from urdfcal.files import require_writable
 
     used = {path.resolve() for path in inputs if path is not None}
+    taken: set[Path] = set()
     for output in outputs:
         require_writable(output)
         if output.resolve() in used:
             raise UsageError(f"{output}: is an input of this command; name another output with -o")
-
-
-def stem_of(urdf: Path) -> str:
-    """What the files beside a calibrated URDF are named after."""
-    return urdf.name.removesuffix(".urdf").removesuffix("_calibrated") or urdf.stem
+        if output.resolve() in taken:
+            raise UsageError(f"{output}: two outputs of this command would be written to this file; name another with -o")
+        taken.add(output.resolve())
 
 
 def listed(paths: Iterable[str | Path]) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import say, show, warn
-from urdfcal.commands.inputs import about, joint_noise, load, priors_of, rig_file_of, spot_noise
+from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, spot_noise
 from urdfcal.commands.options import (
     DataFile,
     Estimate,
@@ -24,10 +24,12 @@ from urdfcal.commands.options import (
     PriorMount,
     PriorScreen,
     Quiet,
+    Reference,
     RigOption,
     RobotFile,
     Screen,
     Seed,
+    Target,
     Verbose,
     XacroArgs,
 )
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
 def evaluate(
     robot: RobotFile,
     measurements: DataFile,
+    reference: Reference = None,
+    target: Target = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -50,12 +54,10 @@ def evaluate(
     """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
     from urdfcal.calibration import beams_that_miss
     from urdfcal.calibration import evaluate as run_evaluate
-    from urdfcal.measurements import read_measurements
     from urdfcal.report import spot_table_block, table_json
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser), measurements, None, reference, target)
     say(verbose, about(arm))
-    data = read_measurements(measurements, arm)
     warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
     fit_set, test_set = data.split()
     tables = {name: run_evaluate(arm, rows) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
@@ -83,6 +85,8 @@ def check(
     prior_mount: PriorMount = None,
     prior_screen: PriorScreen = None,
     prior_beams: PriorBeams = None,
+    reference: Reference = None,
+    target: Target = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -98,12 +102,10 @@ def check(
     from urdfcal.calibration import laid_over
     from urdfcal.check import check as run_check
     from urdfcal.check_report import check_blocks, check_json
-    from urdfcal.measurements import read_measurements
 
     rig_file = rig_file_of(rig)
-    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target)
     say(verbose, about(arm))
-    data = read_measurements(measurements, arm)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(
@@ -129,6 +131,7 @@ def dh(
     xacro_arg: XacroArgs = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
+    quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
@@ -145,7 +148,8 @@ def dh(
     say(verbose, about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:
-        origins, _ = read_calibration(calibration).origins_for(arm)
+        origins, missing = read_calibration(calibration).origins_for(arm)
+        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
         description = replace(arm.description, text=with_origins(arm.description, origins))
         corrected = dh_table(robot_from(description, screen=arm.screen, lasers=arm.lasers).chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried

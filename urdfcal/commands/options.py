@@ -61,4 +61,35 @@ Json = Annotated[bool, typer.Option("--json", help="Print the result for machine
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+Formats = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--format",
+        metavar="FORMAT",
+        help="What to write: urdf, origins-yaml (x y z roll pitch yaw of every joint), ur (kinematics file of the UR driver) or "
+        "offsets (joint offsets alone); repeatable, all go beside the first. Default: urdf.",
+        show_default=False,
+    ),
+]
+UrHash = Annotated[
+    Path | None,
+    typer.Option(
+        "--ur-hash-from",
+        metavar="YAML",
+        help="Take the hash of the ur format from this kinematics file of the very robot. Default: none is written.",
+        show_default=False,
+    ),
+]
+Reference = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LINK",
+        help="Link that points and orientations are measured from. Default: the link 'tracker', else the root.",
+        show_default=False,
+    ),
+]
+Target = Annotated[
+    str | None,
+    typer.Option(metavar="LINK", help="Link that columns named x1, y1, z1, phix1 ... (figaroh's) are measured on.", show_default=False),
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.", show_default=False)]

@@ -94,16 +94,21 @@ def paper(
         typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
     ] = None,
     runs: Annotated[int, typer.Option(min=1, help="Draws of poses and noise that are averaged.")] = 5,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Repeat the paper's simulation: Tables II and III beside the published values."""
     from urdfcal.paper import paper_tables
     from urdfcal.paper_report import paper_blocks, paper_json
-    from urdfcal.robot import load_robot
 
-    arm = load_robot(robot or arm7_file())
+    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser)
+    say(verbose, about(arm))
     with ProgressBar("simulating", runs, quiet or as_json) as advance:
         lines = paper_tables(arm, runs, seed, advance)
     show(paper_json(lines) if as_json else None, paper_blocks(lines, runs))

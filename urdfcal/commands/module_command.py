@@ -1,0 +1,77 @@
+"""`urdfcal module`: beam directions from a bench."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from urdfcal.commands.console import finish, say
+from urdfcal.commands.inputs import load, positive, require_places
+from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.errors import UsageError
+
+if TYPE_CHECKING:
+    pass
+
+
+def module(
+    bench: Annotated[
+        Path,
+        typer.Argument(metavar="BENCH", help="CSV: distance, <laser>.x, <laser>.y in module axes (z toward the plane).", show_default=False),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="YAML", help="Rig file with the beams' priors.", show_default=False)],
+    robot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="ROBOT", help="The priors are relative to this URDF's beams. Default: to a URDF that holds the bench's angles.", show_default=False
+        ),
+    ] = None,
+    squareness_deg: Annotated[float, typer.Option(help="Sigma of each of the bench plane's two tilts in deg.")] = 0.2,
+    reading_sigma_mm: Annotated[
+        float | None, typer.Option(help="Noise of a reading in mm. Default: estimated from the residual.", show_default=False)
+    ] = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Find the module's true beam directions from spots on a plane at known distances (Fig. 6 of the paper)."""
+    import numpy as np
+
+    from urdfcal.files import write_whole
+    from urdfcal.vision.csv_table import read_csv_table
+    from urdfcal.vision.module_bench import beams_from_bench, readings_from
+    from urdfcal.vision.module_file import beam_priors, described, module_yaml, xacro_arguments
+
+    if not 0 <= squareness_deg <= 45:
+        raise UsageError(f"--squareness-deg {squareness_deg:g}: expected a number from 0 to 45")
+    noise = positive("--reading-sigma-mm", reading_sigma_mm)
+    require_places(output, inputs=(bench, robot))
+    arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
+    readings = readings_from(read_csv_table(bench, "one row a distance"))
+    result = beams_from_bench(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)
+    priors = beam_priors(result, arm)
+    write_whole(output, module_yaml(result, np.radians(squareness_deg), arm))
+    say(verbose, f"{len(readings.distance)} distances; noise of a reading {result.noise * 1e3:.3f} mm")
+    relative = f"the beams of {robot}" if robot else "a URDF that holds these angles"
+    angles = {name: {"a": a, "b": b} for name, (a, b) in zip(result.lasers, result.angles.tolist(), strict=True)}
+    finish(
+        {
+            "module": str(output),
+            "angles": angles,
+            "origins": dict(zip(result.lasers, result.origins.tolist(), strict=True)),
+            "covariance": result.covariance.tolist(),
+            "apex": None if result.apex is None else result.apex.tolist(),
+            "reading_noise": result.noise,
+            "priors": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in priors.items()},
+        }
+        if as_json
+        else None,
+        "\n".join([*described(result), *xacro_arguments(result), f"wrote {output}: priors relative to {relative}, for fit --rig {output.name}"]),
+        quiet,
+    )

@@ -1,0 +1,160 @@
+"""`urdfcal render`: the pictures that a camera would have taken."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from urdfcal.commands.console import ProgressBar, finish, say, warn
+from urdfcal.commands.inputs import about, load, positive, require_places
+from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.errors import UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from urdfcal.robot import Robot
+    from urdfcal.vision.rendering import Beams
+
+_COLOURS = ("red", "green", "blue")
+
+
+def render(
+    robot: RobotFile,
+    poses: Annotated[
+        Path, typer.Argument(metavar="POSES", help="CSV of joint columns; spots in it are shown, else the robot's own.", show_default=False)
+    ],
+    camera: Annotated[Path, typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera.", show_default=False)],
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures and truth.csv.", show_default=False)],
+    calibrated: Annotated[
+        Path | None,
+        typer.Option(metavar="YAML", help="Show the spots of the robot with this calibration, or truth of a simulation.", show_default=False),
+    ] = None,
+    markers: Annotated[Path | None, typer.Option(metavar="YAML", help="screen.yaml: markers on the screen.", show_default=False)] = None,
+    colours: Annotated[str, typer.Option(metavar="RED,RED", help="Each laser's colour: red, green or blue; one word for all.")] = "red",
+    spot_mm: Annotated[float, typer.Option(help="Diameter of a beam at 1/e^2 in mm.")] = 4.0,
+    brightness: Annotated[float, typer.Option(help="Of a spot's peak, of the sensor's full scale; above 1 it clips.")] = 0.9,
+    halo: Annotated[float, typer.Option(help="Height of the glow around a spot, of its brightness, 0 to 1.")] = 0.02,
+    light: Annotated[float, typer.Option(help="Room light on the screen, of full scale, 0 to 1.")] = 0.25,
+    gradient: Annotated[float, typer.Option(help="Change of the room light from the screen's middle to its edge, 0 to 1.")] = 0.3,
+    glare: Annotated[int, typer.Option(min=0, max=100, help="Lamps, glints, streaks and lens reflections a picture.")] = 0,
+    missing: Annotated[float, typer.Option(help="Share of the spots left out, 0 to 1.")] = 0.0,
+    frames: Annotated[int, typer.Option(min=1, max=100, help="Pictures a pose, named <pose>_<n>.")] = 1,
+    tone: Annotated[bool, typer.Option("--tone", help="Apply the sRGB curve, as in pictures for people.")] = False,
+    mosaic: Annotated[bool, typer.Option("--mosaic", help="One colour a pixel, the rest interpolated, as in most cameras.")] = False,
+    dark: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a picture with the lasers off (.png).", show_default=False)] = None,
+    screen_size_m: Annotated[float, typer.Option(help="Side of the drawn screen in m.")] = 3.0,
+    seed: Seed = 0,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Make the pictures that a camera would have taken of the spots; simulated, for trying the whole line without hardware."""
+    import numpy as np
+
+    from urdfcal.files import write_whole
+    from urdfcal.vision.camera_file import read_camera
+    from urdfcal.vision.csv_table import read_csv_table
+    from urdfcal.vision.render_scene import Beam, Lighting
+    from urdfcal.vision.render_sensor import Sensor
+    from urdfcal.vision.rendering import Studio, pictures, png, truth_csv
+    from urdfcal.vision.screen_markers import read_screen_markers
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    say(verbose, about(arm))
+    words = [word.strip() for word in colours.split(",")]
+    for word in words:
+        if word not in _COLOURS:
+            raise UsageError(f"--colours {colours}: no laser colour '{word}'{did_you_mean(word, _COLOURS)}")
+    words = words * len(arm.rig.lasers) if len(words) == 1 else words
+    for name, share in {"--halo": halo, "--light": light, "--gradient": gradient, "--missing": missing}.items():
+        if not 0 <= share <= 1:
+            raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
+    look = Beam(words[0], (positive("--spot-mm", spot_mm) or 4.0) * 1e-3 / 4, positive("--brightness", brightness) or 0.9, halo)
+    view = read_camera(camera)
+    studio = Studio(
+        view,
+        [Beam(word, look.width, look.brightness, look.halo) for word in words],
+        Lighting(light, gradient, screen_size=positive("--screen-size-m", screen_size_m) or 3.0),
+        Sensor(tone=tone, mosaic=mosaic),
+        read_screen_markers(markers) if markers else None,
+        glare,
+        missing,
+        frames,
+    )
+    view.spots_of_pixels(np.zeros((1, 2)))  # refuses a camera without a screen
+    _require_folder(output)
+    require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
+    table = read_csv_table(poses, "one row a pose")
+    beams = _beams(arm, poses, calibrated)
+    names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
+    output.mkdir(exist_ok=True)
+    shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
+    with ProgressBar("rendering", len(names) * frames, quiet or as_json) as advance:
+        for shot in pictures(studio, beams, np.random.default_rng(seed), dark is not None):
+            if shot.pose < 0 and dark is not None:
+                write_whole(dark, png(shot.pixels))
+                continue
+            write_whole(output / (f"{names[shot.pose]}_{shot.frame}.png" if frames > 1 else f"{names[shot.pose]}.png"), png(shot.pixels))
+            if shot.frame == 1:
+                shown.append(shot.shown)
+            advance()
+    write_whole(output / "truth.csv", truth_csv(names, arm.rig.lasers, view, beams, shown))
+    count = int(np.sum(shown))
+    outside = int(np.isfinite(beams.spots[..., 0]).sum()) - count
+    warn([f"{outside} spots are left out or outside of the picture"] if outside else [], quiet)
+    finish(
+        {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
+        f"wrote {len(names) * frames} simulated pictures with {count} spots, and truth.csv, to {output}",
+        quiet,
+    )
+
+
+def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
+    """Spots and directions: those of the file where it has any, else the robot's."""
+    from urdfcal.measurements import read_measurements
+    from urdfcal.vision.csv_table import read_csv_table
+    from urdfcal.vision.rendering import Beams, nominal_beams
+    from urdfcal.vision.spot_table import joint_positions
+
+    table = read_csv_table(poses, "one row a pose")
+    shown = _corrected(arm, calibrated) if calibrated else arm
+    if calibrated is None and any(f"{laser}.y" in table.columns for laser in arm.rig.lasers):
+        data = read_measurements(poses, arm)
+        return Beams(data.spots, nominal_beams(arm, data.q).direction)
+    return nominal_beams(shown, joint_positions(table, arm))
+
+
+def _corrected(arm: Robot, calibrated: Path) -> Robot:
+    from dataclasses import replace
+
+    from urdfcal.calibration_file import read_calibration
+    from urdfcal.robot import robot_from
+    from urdfcal.urdf_writer import with_origins
+
+    origins, _ = read_calibration(calibrated).origins_for(arm)
+    text = with_origins(arm.description, origins)
+    return robot_from(replace(arm.description, text=text), screen=arm.screen, lasers=arm.lasers)
+
+
+def _names(labels: list[str]) -> list[str]:
+    """Names of pictures, one a pose."""
+    names = [re.sub(r"[^\w.+-]+", "_", label).strip("._") or "pose" for label in labels]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise UsageError(f"two poses would both be the picture '{twice}.png'; give them different labels in the column 'pose'")
+    return names
+
+
+def _require_folder(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"{folder}: is a file, expected a folder for the pictures")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise UsageError(f"{folder}: is not empty; name a new folder with -o, so that no picture of another run stays among the new ones")
+    if not folder.parent.is_dir():
+        raise UsageError(f"{folder}: the folder {folder.parent} does not exist")

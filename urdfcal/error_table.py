@@ -1,0 +1,59 @@
+"""How far measurements and predictions are apart, in the units that people read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.geometry import DEG, MM
+from urdfcal.noise import Linearisation
+
+_SIZES = {"mm": MM, "deg": DEG, "px": 1.0}
+
+
+@dataclass(frozen=True)
+class SpotErrors:
+    """How far measurements and predictions of one laser, or one target, are apart.
+
+    Attributes:
+        mean, std, max: Of the distances, in `unit`.
+        n: How many there are.
+        unit: `mm`, `deg` or `px`.
+    """
+
+    mean: float
+    std: float
+    max: float
+    n: int
+    unit: str = "mm"
+
+    def entry(self) -> dict[str, float | int]:
+        """For machines: mean_mm, std_mm, max_mm and n."""
+        return {f"mean_{self.unit}": self.mean, f"std_{self.unit}": self.std, f"max_{self.unit}": self.max, "n": self.n}
+
+
+SpotTable = dict[str, SpotErrors]
+
+
+def error_table(here: Linearisation, poses: int) -> SpotTable:
+    """Distances between measured and predicted spots, points and orientations; what was never measured is left out.
+
+    Args:
+        here: Residual of the poses at some state.
+        poses: How many there are; rows behind them (known lengths) are no measurements.
+    """
+    table = {}
+    for block in here.blocks:
+        measured = here.measured[:poses, block.columns]
+        distance = np.linalg.norm(here.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / _SIZES[block.unit]
+        if len(distance):
+            table[block.name] = SpotErrors(float(distance.mean()), float(distance.std()), float(distance.max()), len(distance), block.unit)
+    return table
+
+
+def rms_mm(table: SpotTable) -> float:
+    """Root mean square of the distances in mm, over all lasers or targets; of those in their own unit where there are none in mm."""
+    rows = [row for row in table.values() if row.unit == "mm"] or list(table.values())
+    count = sum(row.n for row in rows)
+    return float(np.sqrt(sum(row.n * (row.mean**2 + row.std**2) for row in rows) / max(count, 1)))

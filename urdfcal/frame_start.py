@@ -1,0 +1,306 @@
+"""Where measuring frames stand, where targets sit on their links, and where shared places are: found from nothing, with the nominal joints.
+
+With B_i the nominal placement of a target's link in the reference link, Y that of the measuring frame, X the target's offset on its
+link and A_i what was measured, every pose says Y A_i = B_i X.
+
+- Whole poses: rotations first, R_Y R_Ai = R_Bi R_X, linear in the 18 numbers of both matrices (the null vector, projected to SO(3));
+  then R_Y a_i + y = R_Bi x + b_i, linear in y and x (robot-world and hand-eye calibration: Shah, J. Mechanisms Robotics 5, 2013).
+- Points: R_Y and y by Umeyama (PAMI 13, 1991) for a given x, then y and x linear for a given R_Y, in turn, from several x.
+- Sockets: R_i x + b_i = s, linear in x and every s.
+- Planes: the plane of least squares through the points.
+- Wires: |b_i - c|^2 = L_i^2, linear in c and |c|^2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from urdfcal.error_model import DEFAULT_PRIORS, INSTRUMENTS, ErrorModel, PriorScale
+from urdfcal.errors import FitRejected
+from urdfcal.frame_jacobian import ArmKinematics, motion_at
+from urdfcal.geometry import SE3, Array3, Matrix, Vector
+from urdfcal.measurements import Mask, Measurements
+from urdfcal.readings import Readings
+from urdfcal.slots import Slot
+from urdfcal.target_model import seen_motion
+from urdfcal.target_sensors import matrices
+
+Rows = npt.NDArray[np.intp]
+
+_OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [m] where a point may sit on its link, to begin with
+_ROUNDS = 60
+_LEAST_POINTS = 3
+
+
+@dataclass
+class _Known:
+    """What has been found so far."""
+
+    frames: dict[str, SE3]
+    offsets: dict[str, SE3]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A target at the poses of one session: nominal link placements in the reference link, and what was measured.
+
+    Attributes:
+        R, b: Axes (n, 3, 3) and origin (n, 3) of its link.
+        a: Measured points, (n, 3); None if only orientations were seen.
+        A: Measured axes, (n, 3, 3); None if only points were seen.
+    """
+
+    target: str
+    session: str
+    R: Array3
+    b: Matrix
+    a: Matrix
+    A: Array3 | None
+
+
+def instruments_alone(errors: ErrorModel) -> ErrorModel:
+    """The error model of a robot that is taken for right: measuring frames, targets and places are free, nothing else."""
+    free = tuple(parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS)
+    own = tuple(f"{slot.label}." for slot in errors.slots if slot.frame is not None)
+    return replace(errors, parameters=free, held={name: value for name, value in errors.held.items() if name.startswith(own)}, carried={})
+
+
+def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
+    """The same error model with its measuring frames, targets and places put where the nominal robot has them.
+
+    What is held, or has a prior of its own, stays where it is stated.
+
+    Args:
+        errors: Error model of the robot as it was measured.
+        data: The measurements.
+
+    Raises:
+        FitRejected: there are too few readings to place a target.
+    """
+    free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
+    known = _Known({}, {})
+    for slot in errors.slots:
+        if slot.kind == "target" and slot.label not in free:
+            known.offsets[slot.label] = pin.SE3.Identity()
+    reference = next((slot for slot in errors.slots if slot.kind == "reference"), None)
+    for session in errors.sessions:
+        if reference is None or reference.label not in free:
+            known.frames[session] = pin.SE3.Identity()
+    seen = sorted(_views(errors, data), key=lambda view: (view.A is None, -len(view.b)))
+    for view in [*seen, *seen]:  # the second time for what needed something that was found later
+        _place(view, known)
+    _place_sockets(errors, data, known)
+    slots = tuple(_found(slot, known) if slot.label in free else slot for slot in errors.slots)
+    return with_places(replace(errors, slots=slots), data)
+
+
+def _open(errors: ErrorModel, slot: Slot) -> bool:
+    """Whether all of an instrument's placement is free, and nothing is stated of it."""
+    own = {f"{slot.label}.{name}" for name in slot.names}
+    usual: PriorScale = DEFAULT_PRIORS[slot.kind]
+    free = [parameter for parameter in errors.parameters if parameter.name in own]
+    return len(free) == len(own) and all(not parameter.mean and parameter.sigma == usual.sigma(parameter.unit) for parameter in free)
+
+
+def _found(slot: Slot, known: _Known) -> Slot:
+    if slot.kind == "reference":
+        return replace(slot, found=dict(known.frames))
+    placement = known.offsets.get(slot.label, pin.SE3.Identity())
+    return replace(slot, found={session: placement for session in known.frames})
+
+
+def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
+    by_target: dict[str, dict[str, Readings]] = {}
+    for each in data.readings:
+        by_target.setdefault(each.target, {})[each.kind] = each
+    for target, kinds in by_target.items():
+        point, axes = kinds.get("point"), kinds.get("orientation")
+        if point is None:
+            continue
+        whole = ~np.isnan(point.values).any(axis=1)
+        if axes is not None and (whole & axes.seen).sum() >= _LEAST_POINTS:
+            whole &= axes.seen
+        else:
+            axes = None
+        for session in errors.sessions:
+            rows = np.flatnonzero(whole & ((data.sessions == session) | (len(errors.sessions) == 1)))
+            if len(rows) >= _LEAST_POINTS:
+                R, b = _nominal(errors, data.q[rows], target, session)
+                yield _Seen(target, session, R, b, point.values[rows], None if axes is None else matrices(axes.values[rows]))
+
+
+def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
+    """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
+    arm = ArmKinematics(errors.chain)
+    placed = errors.placements(errors.mean, session).still()
+    motion = motion_at(arm, placed, arm.chain_positions(q), joints=True)
+    index = [frame.name for frame in errors.chain.frames].index(target, 1)
+    origin, axes, _, _ = seen_motion(errors, motion, placed, index)
+    return axes, origin
+
+
+def _place(view: _Seen, known: _Known) -> None:
+    """Find whatever this view can tell: frame and offset, or one where the other is known."""
+    Y, X = known.frames.get(view.session), known.offsets.get(view.target)
+    if Y is not None and X is not None:
+        return
+    if view.A is not None and X is None and Y is None:
+        known.frames[view.session], known.offsets[view.target] = robot_world_hand_eye(view.R, view.b, view.A, view.a)
+    elif X is None and Y is None:
+        known.frames[view.session], offset = point_and_frame(view.R, view.b, view.a)
+        known.offsets[view.target] = pin.SE3(np.eye(3), offset)
+    elif X is None:
+        known.offsets[view.target] = _offset(view, Y)
+    elif view.A is not None or len(view.b) >= _LEAST_POINTS:
+        known.frames[view.session] = umeyama(view.a, view.b + view.R @ X.translation)
+
+
+def _offset(view: _Seen, Y: SE3) -> SE3:
+    """X for a known Y: the mean of R_i' (Y a_i - b_i), and of R_i' R_Y A_i."""
+    back = view.R.transpose(0, 2, 1)
+    there = view.a @ Y.rotation.T + Y.translation
+    offset = np.einsum("nij,nj->ni", back, there - view.b).mean(axis=0)
+    rotation = np.eye(3) if view.A is None else nearest_rotation((back @ (Y.rotation @ view.A)).mean(axis=0))
+    return pin.SE3(rotation, offset)
+
+
+def robot_world_hand_eye(R_B: Array3, b: Matrix, R_A: Array3, a: Matrix) -> tuple[SE3, SE3]:
+    """Y and X of Y A_i = B_i X, least squares in closed form.
+
+    Args:
+        R_B: Rotations of B_i, (n, 3, 3).
+        b: Translations of B_i, (n, 3), [m].
+        R_A: Rotations of A_i, (n, 3, 3).
+        a: Translations of A_i, (n, 3), [m].
+    """
+    n, unit = len(b), np.eye(3)
+    by_y = np.einsum("jk,nlm->njmkl", unit, R_A).reshape(n * 9, 9)  # (R_Y R_A)_jm = R_Y,jl R_A,lm
+    by_x = np.einsum("njk,ml->njmkl", R_B, unit).reshape(n * 9, 9)  # (R_B R_X)_jm = R_B,jk R_X,km
+    _, _, rows = np.linalg.svd(np.linalg.qr(np.hstack([by_y, -by_x]), mode="r"))
+    Y, X = rows[-1].reshape(2, 3, 3)
+    sign = np.sign(np.linalg.det(Y) + np.linalg.det(X))
+    R_Y, R_X = nearest_rotation(sign * Y), nearest_rotation(sign * X)
+    y, x = _translations(R_B, b, a, R_Y)
+    return pin.SE3(R_Y, y), pin.SE3(R_X, x)
+
+
+def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
+    """Y and the offset x of a point, R_Y a_i + y = R_i x + b_i, from the best of several starts.
+
+    Args:
+        R: Axes of the link, (n, 3, 3).
+        b: Its origins, (n, 3), [m].
+        a: Measured points, (n, 3), [m].
+    """
+    found = []
+    for x in _OFFSETS:
+        for _ in range(_ROUNDS):
+            Y = umeyama(a, b + R @ x)
+            y, x = _translations(R, b, a, Y.rotation)
+        left = a @ Y.rotation.T + y - (b + R @ x)
+        found.append((float(np.sum(left**2)), pin.SE3(Y.rotation, y), x))
+    _, Y, x = min(found, key=lambda each: each[0])
+    return Y, x
+
+
+def _translations(R: Array3, b: Matrix, a: Matrix, R_Y: Matrix) -> tuple[Vector, Vector]:
+    """Y and x of R_Y a_i + y = R_i x + b_i by least squares; the shortest where the poses do not tell."""
+    left = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -R], axis=2).reshape(-1, 6)
+    both = np.linalg.lstsq(left, (b - a @ R_Y.T).ravel(), rcond=1e-9)[0]
+    return both[:3], both[3:]
+
+
+def umeyama(a: Matrix, b: Matrix) -> SE3:
+    """The rigid motion that brings points a (n, 3) nearest to points b (n, 3)."""
+    middle_a, middle_b = a.mean(axis=0), b.mean(axis=0)
+    R = nearest_rotation((b - middle_b).T @ (a - middle_a))
+    return pin.SE3(R, middle_b - R @ middle_a)
+
+
+def nearest_rotation(M: Matrix) -> Matrix:
+    """The rotation nearest to a matrix (3, 3)."""
+    U, _, Vt = np.linalg.svd(M)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+
+
+def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
+    """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
+    for each in data.readings:
+        if each.kind == "socket" and each.target not in known.offsets:
+            rows = np.flatnonzero(each.seen)
+            R, b = _per_session(errors, data, each.target, rows)
+            index = np.array([each.touched.index(str(label)) for label in each.labels[rows]])
+            known.offsets[each.target] = pin.SE3(np.eye(3), common_point(R, b, index))
+
+
+def common_point(R: Array3, b: Matrix, group: Rows) -> Vector:
+    """The point x on a link that lies at one place in all poses of a group: R_i x + b_i = s_group.
+
+    Args:
+        R: Axes of the link, (n, 3, 3).
+        b: Its origins, (n, 3), [m].
+        group: Index of each pose's place, (n,).
+    """
+    count = int(group.max()) + 1
+    mean_R = np.array([R[group == number].mean(axis=0) for number in range(count)])
+    mean_b = np.array([b[group == number].mean(axis=0) for number in range(count)])
+    left, right = (R - mean_R[group]).reshape(-1, 3), -(b - mean_b[group]).ravel()
+    return np.asarray(np.linalg.lstsq(left, right, rcond=1e-9)[0])
+
+
+def _per_session(errors: ErrorModel, data: Measurements, target: str, rows: Rows) -> tuple[Array3, Matrix]:
+    R, b = np.empty((len(rows), 3, 3)), np.empty((len(rows), 3))
+    for session in errors.sessions:
+        own: Mask = (data.sessions[rows] == session) | (len(errors.sessions) == 1)
+        if own.any():
+            R[own], b[own] = _nominal(errors, data.q[rows[own]], target, session)
+    return R, b
+
+
+def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
+    """Prior means of sockets, planes and wire ends, from where the placed targets have them."""
+    means: dict[str, float] = {}
+    planes: dict[str, Matrix] = {}
+    for each in data.readings:
+        if not each.places:
+            continue
+        rows = np.flatnonzero(each.seen)
+        _, p = _per_session(errors, data, each.target, rows)
+        if each.kind == "distance":
+            means |= _named(each.places[0].name, wire_end(p, each.values[rows, 0]))
+            continue
+        for label, place in zip(each.touched, each.places, strict=True):
+            own = p[each.labels[rows] == label]
+            if each.kind == "socket":
+                means |= _named(place.name, own.mean(axis=0))
+            else:
+                if len(own) < _LEAST_POINTS:
+                    raise FitRejected(f"plane '{label}' was touched at {len(own)} poses; three are the least", forceable=False)
+                planes[place.name], means[f"{place.name}.offset"] = plane_through(own)
+    stated = [
+        replace(parameter, mean=means[parameter.name]) if parameter.name in means and not parameter.mean else parameter
+        for parameter in errors.parameters
+    ]
+    return replace(errors, parameters=tuple(stated), planes={**errors.planes, **planes})
+
+
+def _named(place: str, point: Sequence[float] | Vector) -> dict[str, float]:
+    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
+
+
+def plane_through(points: Matrix) -> tuple[Matrix, float]:
+    """Normal and two tangents of the plane of least squares through points (n, 3), as columns, and its offset n . p, [m]."""
+    middle = points.mean(axis=0)
+    _, _, rows = np.linalg.svd(points - middle)
+    return np.asarray(rows[[2, 0, 1]].T), float(rows[2] @ middle)
+
+
+def wire_end(points: Matrix, lengths: Vector) -> Vector:
+    """The point whose distances from points (n, 3) are the lengths (n,): |p|^2 - L^2 = 2 p . c - |c|^2, linear in c and |c|^2."""
+    left = np.column_stack([2 * points, -np.ones(len(points))])
+    return np.asarray(np.linalg.lstsq(left, np.sum(points**2, axis=1) - lengths**2, rcond=1e-9)[0][:3])

@@ -1,0 +1,101 @@
+"""Columns of instruments beside lasers: what the header's names mean, and what is written back."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.geometry import Matrix
+from urdfcal.readings import STORED, Readings
+from urdfcal.robot import Robot
+
+QUATERNION = ("qx", "qy", "qz", "qw")
+ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
+LENGTH_WORDS = ("x", "y", "z", "distance")
+ANGLE_WORDS = ROLL_PITCH_YAW
+_KINDS = {
+    **dict.fromkeys("xyz", "point"),
+    **dict.fromkeys((*QUATERNION, *ROLL_PITCH_YAW), "orientation"),
+    "distance": "distance",
+    "plane": "plane",
+    "socket": "socket",
+    "sigma": "sigma",
+}
+_FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
+_FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
+
+
+@dataclass(frozen=True)
+class TargetColumn:
+    """A column of a target.
+
+    Attributes:
+        name: As in the header, without its unit.
+        target: The target's name.
+        link: The link that it is on.
+        what: The name's ending.
+        kind: What is read, or `sigma`.
+    """
+
+    name: str
+    target: str
+    link: str
+    what: str
+    kind: str
+
+
+def target_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[TargetColumn, ...]:
+    """The columns that mean a target on a link of this robot; those of lasers are not among them."""
+    found = []
+    for name in names:
+        target, dot, what = name.rpartition(".")
+        link = target if target in robot.tree.links else target.rpartition(":")[0]
+        if dot and what in _KINDS and link in robot.tree.links and target not in lasers:
+            found.append(TargetColumn(name, target, link, what, _KINDS[what]))
+    read = {column.target for column in found if column.kind != "sigma"}
+    return tuple(column for column in found if column.target in read)
+
+
+def blank_readings(column: TargetColumn, target: str, kind: str) -> Readings:
+    """Readings of no pose, to tell which links matter before any row is read."""
+    known = kind if kind in STORED else "point"
+    return Readings(known, target, column.link, np.empty((0, STORED[known])), np.empty(0, dtype=str), np.empty(0))
+
+
+def figaroh_name(cell: str, target: str) -> str:
+    """Our name of figaroh's column x1, phiz2 ...; the empty string for any other."""
+    match = _FIGAROH.fullmatch(cell.strip())
+    if match is None:
+        return ""
+    label = "" if match[2] == "1" else f":{match[2]}"
+    return f"{target}{label}.{_FIGAROH_WORDS.get(match[1], match[1])}"
+
+
+def quaternions_of(angles: Matrix) -> Matrix:
+    """Unit quaternions x, y, z, w of roll, pitch and yaw about fixed axes, (n, 4); nan where there are none."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles.T / 2), np.cos(angles.T / 2)
+    return np.column_stack(
+        [sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy]
+    )
+
+
+def written_columns(readings: Readings) -> list[tuple[str, list[str]]]:
+    """Header and cells of some readings, SI."""
+    name, columns = readings.target, []
+    if readings.kind in ("plane", "socket"):
+        columns.append((f"{name}.{readings.kind}", [" ".join(str(label).split()) for label in readings.labels]))
+    else:
+        words = {"point": ("x", "y", "z"), "orientation": QUATERNION, "distance": ("distance",)}[readings.kind]
+        read = [(word, column) for word, column in zip(words, readings.values.T, strict=True) if not np.isnan(column).all()]
+        columns += [(f"{name}.{word}", _cells(column)) for word, column in read]
+    if not np.isnan(readings.sigma).all():
+        columns.append((f"{name}.sigma", _cells(readings.sigma)))
+    return columns
+
+
+def _cells(numbers: Iterable[float]) -> list[str]:
+    return ["" if math.isnan(number) else f"{number:.12g}" for number in numbers]

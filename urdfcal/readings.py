@@ -1,0 +1,136 @@
+"""What instruments beside lasers read, pose by pose: points, orientations, lengths, and touches of places that several poses share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.geometry import DEG, MM, Matrix, Vector
+from urdfcal.instruments import Instruments, Place, Target
+
+STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0}
+START_SIGMA: dict[str, float] = {
+    "spot": 1.0 * MM,
+    "point": 0.5 * MM,
+    "orientation": 0.05 * DEG,
+    "distance": 0.5 * MM,
+    "plane": 0.5 * MM,
+    "socket": 0.5 * MM,
+    "length": 0.02 * MM,
+}
+SEEN_FROM_FRAME = ("point", "orientation")  # what is read in the axes of a measuring frame
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What one instrument read of one target; SI units.
+
+    Attributes:
+        kind: What is read.
+        target: The target's name: its link, with `:<label>` behind it where there are several.
+        link: The link that it is fixed to.
+        values: (n, k), nan where nothing was read: a point's x, y, z [m]; an orientation's unit quaternion x, y, z, w; a distance [m];
+            nothing (k = 0) of touches.
+        labels: Which plane or socket was touched, (n,); the empty string for none, and for other kinds.
+        sigma: Standard deviation stated with each reading, (n,), nan for none.
+    """
+
+    kind: str
+    target: str
+    link: str
+    values: Matrix
+    labels: npt.NDArray[np.str_]
+    sigma: Vector
+
+    def __post_init__(self) -> None:
+        n = len(self.labels)
+        if self.values.shape != (n, STORED[self.kind]) or self.sigma.shape != (n,):
+            raise ShapeMismatch(f"readings of {self.target}: values have shape {self.values.shape}, expected ({n}, {STORED[self.kind]})")
+        if np.isinf(self.values).any() or (self.sigma <= 0).any():
+            raise ShapeMismatch(f"readings of {self.target} must be finite, and stated standard deviations above zero")
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """At which poses there is a reading, (n,)."""
+        return self.labels != "" if self.kind in ("plane", "socket") else ~np.isnan(self.values).all(axis=1)
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers were read; an orientation counts as three, and so does the touch of a socket."""
+        each = {"orientation": 3, "plane": 1, "socket": 3}.get(self.kind)
+        return int(np.count_nonzero(~np.isnan(self.values))) if each is None else each * int(self.seen.sum())
+
+    def subset(self, rows: npt.ArrayLike) -> Readings:
+        """Those of some poses."""
+        index = np.asarray(rows)
+        return replace(self, values=self.values[index], labels=self.labels[index], sigma=self.sigma[index])
+
+    @cached_property
+    def places(self) -> tuple[Place, ...]:
+        """What this instrument has in common over poses."""
+        if self.kind == "distance":
+            return (Place(f"{self.target}:wire", ("x", "y", "z"), ("m", "m", "m")),)
+        if self.kind == "plane":
+            return tuple(Place(f"plane:{label}", ("tilt_1", "tilt_2", "offset"), ("rad", "rad", "m")) for label in self.touched)
+        return tuple(Place(f"socket:{label}", ("x", "y", "z"), ("m", "m", "m")) for label in self.touched if self.kind == "socket")
+
+    @cached_property
+    def touched(self) -> tuple[str, ...]:
+        """The labels in order of their first pose."""
+        return tuple(dict.fromkeys(str(label) for label in self.labels if label))
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A distance between two places that is known beforehand, [m]."""
+
+    one: str
+    other: str
+    length: float
+    sigma: float = START_SIGMA["length"]
+
+
+def instruments_of(readings: Sequence[Readings], reference: str) -> Instruments:
+    """Targets, measuring frame and places that some readings need."""
+    whole = {each.target for each in readings if each.kind == "orientation"}
+    targets = {each.target: Target(each.target, each.link, each.target in whole) for each in readings}
+    places = {place.name: place for each in readings for place in each.places}
+    return Instruments(tuple(targets.values()), reference, any(each.kind in SEEN_FROM_FRAME for each in readings), tuple(places.values()))
+
+
+def known_lengths(stated: Iterable[tuple[str, float]], readings: Sequence[Readings]) -> tuple[KnownLength, ...]:
+    """Known distances between sockets from patterns such as `*/0 - */1`: each * stands for the same text on both sides.
+
+    Args:
+        stated: Pattern and length [m].
+        readings: Whose sockets they are.
+
+    Raises:
+        UsageError: a pattern is none, or means no two sockets.
+    """
+    labels = dict.fromkeys(label for each in readings if each.kind == "socket" for label in each.touched)
+    found = []
+    for pattern, length in stated:
+        one, dash, other = (part.strip() for part in pattern.partition(" - "))
+        if not dash or one.count("*") != other.count("*"):
+            raise UsageError(f"sockets.distances_mm: '{pattern}' is not two sockets, such as 'left/0 - left/1' or '*/0 - */1'")
+        pairs = [(label, partner) for label in labels if (partner := _partner(label, one, other)) in labels]
+        if not pairs:
+            raise UsageError(f"sockets.distances_mm: '{pattern}' means no two of the sockets {', '.join(list(labels)[:8]) or '(none)'}")
+        found += [KnownLength(f"socket:{label}", f"socket:{partner}", length) for label, partner in pairs]
+    return tuple(found)
+
+
+def _partner(label: str, one: str, other: str) -> str:
+    """The label that `other` means where `one` means this label; the empty string where it does not."""
+    match = re.fullmatch("(.*)".join(re.escape(part) for part in one.split("*")), label)
+    if match is None:
+        return ""
+    texts = iter(match.groups())
+    return "".join(next(texts) if part == "*" else part for part in re.split(r"(\*)", other))

@@ -1,0 +1,160 @@
+"""How the scene moves: the robots from pose to pose, their beams with them, and the marks of the pose shown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.geometry import MM, SE3, Matrix, Vector, Z
+from urdfcal.key_frames import HELD, Clips, KeyFrames
+from urdfcal.robot import Robot
+from urdfcal.robot_shapes import Shapes
+from urdfcal.scene import Beams, Scene, beams_of, configurations, screen_placements
+from urdfcal.scene_marks import (
+    CALIBRATED,
+    ERROR,
+    LAYERS,
+    MEASURED,
+    MISSING,
+    NOMINAL,
+    POSE_LAYER,
+    POSE_SIZE,
+    beam_colour,
+    disc,
+    flat,
+    ring,
+    unit_arrow,
+    unit_beam,
+)
+
+_HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
+_MISS = 0.6  # length of a beam that misses, over the size of the scene
+BEAM = 0.0024  # radius of a drawn beam over the size of the scene
+
+
+def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames) -> Clips:
+    """Put everything that moves where it is at the first pose, and give back how it goes on."""
+    clips = Clips()
+    whole = configurations(scene.solid, keys.q)
+    T_root_screen = screen_placements(scene.solid, whole)
+    _place(viewer, clips, "screen", keys.times, T_root_screen)
+    _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
+    if scene.calibrated is not None:
+        ghost = configurations(scene.robot, keys.q)
+        roots = [ours * theirs.inverse() for ours, theirs in zip(T_root_screen, screen_placements(scene.robot, ghost), strict=True)]
+        _place(viewer, clips, "nominal", keys.times, roots)
+        _move_robot(viewer, clips, "nominal", scene.robot, shapes, keys.times, ghost)
+        _move_beams(viewer, clips, "screen/pose/nominal_beam", scene, beams_of(scene.robot, keys.q), keys.times)
+    _move_beams(viewer, clips, "screen/pose/beam", scene, beams_of(scene.solid, keys.q), keys.times)
+    _move_marks(viewer, clips, scene, keys)
+    return clips
+
+
+def _move_robot(viewer: Any, clips: Clips, root: str, robot: Robot, shapes: Shapes, times: Vector, whole: Matrix) -> None:
+    model, data = robot.model, robot.model.createData()
+    geometry = shapes.on(robot)
+    placed, found = geometry.createData(), []
+    for q in whole:
+        pin.forwardKinematics(model, data, q)
+        pin.updateGeometryPlacements(model, data, geometry, placed)
+        found.append([placement.copy() for placement in placed.oMg])
+    for index, shape in enumerate(geometry.geometryObjects):
+        _place(viewer, clips, f"{root}/visuals/{shape.name}", times, [row[index] for row in found], np.array(shape.meshScale))
+
+
+def _place(viewer: Any, clips: Clips, path: str, times: Vector, placements: list[SE3], scale: Vector | None = None) -> None:
+    """A node at its first placement, and its clip."""
+    mirror = _mirror(scale) if scale is not None else np.ones(3)
+    first = placements[0].homogeneous.copy()
+    first[:3, :3] *= scale if scale is not None else 1.0
+    viewer[path].set_transform(first)
+    turns = [pin.Quaternion(placement.rotation * mirror).coeffs() for placement in placements]
+    clips.add(path, times, position=np.array([placement.translation for placement in placements]), quaternion=np.array(turns))
+
+
+def _mirror(scale: Vector) -> Vector:
+    """Signs that the viewer puts into the rotation when it takes a mirrored mesh's transform apart: it flips x alone."""
+    signs = np.sign(scale)
+    return signs * (-1, 1, 1) if np.prod(signs) < 0 else signs
+
+
+def _move_beams(viewer: Any, clips: Clips, path: str, scene: Scene, beams: Beams, times: Vector) -> None:
+    lands = scene.lands(beams)
+    for laser in range(lands.shape[1]):
+        turns = _turns(Z, beams.direction[:, laser])
+        ends = (
+            ("", np.where(lands[:, laser], beams.length[:, laser], 0.0)),
+            ("_missing", np.where(lands[:, laser], 0.0, _missing_length(scene, beams, laser))),
+        )
+        for suffix, length in ends:
+            scale = np.where(length[:, None] > 0, np.stack([np.ones_like(length)] * 2 + [length], -1), _HIDDEN)
+            _put(viewer, clips, f"{path}{suffix}_{laser + 1}", times, beams.source[:, laser], turns, scale)
+
+
+def _missing_length(scene: Scene, beams: Beams, laser: int) -> Vector:
+    """How long a beam that misses is drawn: up to the screen's plane where that is near, else some way."""
+    length, usual = beams.length[:, laser], _MISS * scene.extent
+    with np.errstate(invalid="ignore"):
+        return np.where((length > 0) & (length < 2 * usual), length, usual)
+
+
+def _move_marks(viewer: Any, clips: Clips, scene: Scene, keys: KeyFrames) -> None:
+    """Marks of the pose shown; they jump half way between two poses."""
+    count = len(keys.rows)
+    edges = np.arange(1, count) + 0.5
+    times = np.concatenate([[0.0], np.stack([edges - 0.01, edges + 0.01], -1).ravel(), [count + HELD]])
+    rows = keys.rows[np.repeat(np.arange(count), 2)]
+    spots, still = scene.data.spots[rows], np.tile([0.0, 0.0, 0.0, 1.0], (len(rows), 1))
+    predicted = {"nominal": scene.before, "calibrated": scene.after}
+    for laser in range(spots.shape[1]):
+        seen = scene.data.seen[rows, laser]
+        marks = {"measured": (spots[:, laser], seen)}
+        marks |= {name: (beams.spots[rows, laser], scene.lands(beams)[rows, laser]) for name, beams in predicted.items() if beams}
+        for name, (places, visible) in marks.items():
+            at = np.column_stack([np.zeros(len(rows)), np.where(visible[:, None], places, 0.0)])
+            scale = np.where(visible[:, None], 1.0, _HIDDEN) * np.ones(3)
+            _put(viewer, clips, f"screen/pose/{name}_{laser + 1}", times, at, still, scale)
+        both = seen & scene.lands(scene.shown)[rows, laser]
+        error = np.where(both[:, None], scene.magnification * (scene.shown.spots[rows, laser] - spots[:, laser]), 0.0)
+        length = np.linalg.norm(error, axis=1)
+        half = np.arctan2(error[:, 1], error[:, 0]) / 2
+        turns = np.column_stack([np.sin(half), np.zeros((len(rows), 2)), np.cos(half)])  # about x, from y to the error
+        wide = np.minimum(1.0, length / (6 * POSE_SIZE * scene.mark))
+        scale = np.maximum(np.stack([wide, length, wide], -1), _HIDDEN)
+        scale[:, 0] = 1.0  # keeps its distance from the sheet
+        at = np.column_stack([np.zeros(len(rows)), np.where(both[:, None], spots[:, laser], 0.0)])
+        _put(viewer, clips, f"screen/pose/error_{laser + 1}", times, at, turns, scale)
+
+
+def _put(viewer: Any, clips: Clips, path: str, times: Vector, position: Matrix, quaternion: Matrix, scale: Matrix) -> None:
+    first = np.eye(4)
+    first[:3, :3] = pin.Quaternion(quaternion[0]).toRotationMatrix() * scale[0]
+    first[:3, 3] = position[0]
+    viewer[path].set_transform(first)
+    clips.add(path, times, position=position, quaternion=quaternion, scale=scale)
+
+
+def _turns(axis: Vector, directions: Matrix) -> Matrix:
+    """Quaternions (x, y, z, w) that turn an axis to directions (k, 3)."""
+    return np.array([pin.Quaternion.FromTwoVectors(axis, direction).coeffs() for direction in directions])
+
+
+def draw_pose_marks(node: Any, scene: Scene) -> None:
+    """The marks and beams of the pose shown, in unit size where they are scaled as they move."""
+    mark = POSE_SIZE * scene.mark
+    middle = np.zeros((1, 2))
+    for laser in range(len(scene.data.lasers)):
+        lifts = {name: scene.side * (lift + POSE_LAYER) * MM for name, lift in LAYERS.items()}
+        node[f"measured_{laser + 1}"].set_object(disc(mark, middle, lifts["measured"]), flat(MEASURED))
+        node[f"nominal_{laser + 1}"].set_object(ring(mark, middle, lifts["nominal"]), flat(NOMINAL))
+        node[f"error_{laser + 1}"].set_object(unit_arrow(0.5 * mark, lifts["error"]), flat(ERROR))
+        colours = {"beam": beam_colour(laser)}
+        if scene.calibrated is not None:
+            node[f"calibrated_{laser + 1}"].set_object(ring(mark, middle, lifts["calibrated"]), flat(CALIBRATED))
+            colours["nominal_beam"] = NOMINAL
+        for name, colour in colours.items():
+            radius = BEAM * scene.extent * (1.0 if name == "beam" else 0.6)
+            node[f"{name}_{laser + 1}"].set_object(unit_beam(radius), flat(colour))
+            node[f"{name}_missing_{laser + 1}"].set_object(unit_beam(radius, dashed=True), flat(MISSING))

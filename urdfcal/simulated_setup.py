@@ -1,0 +1,207 @@
+"""Where everything stands that measures a simulated robot.
+
+Measuring frames, targets and places are put anywhere, rotations up to half a turn, since a fit finds them from nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.error_model import INSTRUMENTS, ErrorModel
+from urdfcal.errors import UsageError, no_such
+from urdfcal.frame_jacobian import ArmKinematics, LaserMotion, motion_at
+from urdfcal.geometry import SE3, Array3, Matrix, Vector
+from urdfcal.readings import STORED, ReadingKind, Readings, instruments_of
+from urdfcal.robot import Robot
+from urdfcal.simulation import ScreenArea, joint_limits
+from urdfcal.target_model import seen_motion
+
+SENSOR_KINDS: dict[str, tuple[ReadingKind, ...]] = {
+    "point": ("point",),
+    "pose": ("point", "orientation"),
+    "distance": ("distance",),
+    "plane": ("plane",),
+    "socket": ("socket",),
+}
+TOUCHES = ("plane", "socket")
+_FRAME_FAR, _TARGET_FAR, _WIRE_FAR = 1.0, 0.08, 1.0  # [m] how far instruments stand from what they are on, a standard deviation
+
+
+@dataclass(frozen=True)
+class SimulatedSensor:
+    """Something that reads a target.
+
+    Attributes:
+        kind: One of SENSOR_KINDS.
+        target: The target's name: its link, with `:<label>` behind it where there are several on one link.
+        link: The link that it is on.
+        places: How many planes or sockets it touches.
+    """
+
+    kind: str
+    target: str
+    link: str
+    places: int = 0
+
+
+@dataclass(frozen=True)
+class SimulatedSetup:
+    """A robot with known errors, and where everything stands that measures it.
+
+    Attributes:
+        robot: The nominal robot, seen by the instruments.
+        errors: Error model of the truth, its measuring frames, targets and planes where they are.
+        x: The truth, (p,), [m] and [rad].
+        sensors: What reads.
+        area: The screen, where there are lasers.
+    """
+
+    robot: Robot
+    errors: ErrorModel
+    x: Vector
+    sensors: tuple[SimulatedSensor, ...]
+    area: ScreenArea
+
+    def motion(self, q: Matrix, session: str) -> tuple[LaserMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
+        """Beams and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
+        arm, placed = ArmKinematics(self.errors.chain), self.errors.placements(self.x, session).still()
+        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True)
+        seen = {}
+        for index, frame in enumerate(self.errors.chain.frames[1:], start=1):
+            origin, axes, _, by_joint = seen_motion(self.errors, motion, placed, index)
+            seen[frame.name] = origin, axes, by_joint
+        return motion, seen
+
+    def place(self, name: str) -> Vector:
+        """The true numbers of a place that several poses share."""
+        return np.array([value for own, value in zip(self.errors.names, self.x, strict=True) if own.rpartition(".")[0] == name])
+
+
+def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
+    """A sensor as the command line has it: `point:tool0`, `socket:tool0:ball`.
+
+    Raises:
+        UsageError: no such kind of sensor, or no such link.
+    """
+    kind, _, target = text.partition(":")
+    links = robot.tree.links
+    link = target if target in links else target.rpartition(":")[0] or target
+    if kind not in SENSOR_KINDS or not target:
+        raise UsageError(f"--sensor {text}: expected laser, or one of {', '.join(f'{known}:LINK' for known in SENSOR_KINDS)}")
+    if link not in links:
+        raise UsageError(f"--sensor {text}: {no_such('link', link, links)}")
+    return SimulatedSensor(kind, target, link, places if kind in _TOUCHES else 0)
+
+
+def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str = "", lasers: bool = False) -> Robot:
+    """The robot as these sensors see it; with its lasers if they are wanted.
+
+    Raises:
+        RigError: a link is not there, or not where it can be.
+        UsageError: two sensors of one kind read the same target.
+    """
+    if len({(kind, sensor.target) for sensor in sensors for kind in SENSOR_KINDS[sensor.kind]}) < _count(sensors):
+        raise UsageError("two sensors read the same of one target; tell targets on one link apart by a label, LINK:LABEL")
+    blank = [_blank(sensor, kind, labels) for sensor, labels in zip(sensors, _labels(sensors), strict=True) for kind in _kinds(sensor)]
+    seen = robot.seen_by(instruments_of(blank, reference), robot.lasers if lasers else ())
+    seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
+    return seen
+
+
+def simulated_setup(
+    robot: Robot,
+    errors: ErrorModel,
+    x: Vector,
+    sensors: Sequence[SimulatedSensor],
+    rng: np.random.Generator,
+    *,
+    sessions: Sequence[str] = ("",),
+    reference_known: bool = False,
+    area: ScreenArea | None = None,
+) -> SimulatedSetup:
+    """Put measuring frames, targets and places somewhere; what the truth said of them is left out.
+
+    Args:
+        robot: Nominal robot, as the sensors see it.
+        errors: Error model of the truth, built for it.
+        x: Errors of joints, mount and screen, (p,).
+        sensors: What reads.
+        rng: Source of randomness.
+        sessions: Each has a measuring frame of its own.
+        reference_known: The measuring frame is the reference link's own.
+        area: The screen.
+    """
+    slots = []
+    for slot in errors.slots:
+        if slot.kind == "reference" and not reference_known:
+            slot = replace(slot, found={session: _somewhere(rng, _FRAME_FAR) for session in sessions})
+        elif slot.kind == "target":
+            placement = _somewhere(rng, _TARGET_FAR, turned=len(slot.names) == 6)
+            slot = replace(slot, found=dict.fromkeys(sessions, placement))
+        slots.append(slot)
+    beside = [parameter.kind in INSTRUMENTS for parameter in errors.parameters]
+    truth = np.where(beside, 0.0, errors.check(x))
+    errors = replace(errors, slots=tuple(slots), sessions=tuple(sessions))
+    return _with_places(SimulatedSetup(robot, errors, truth, tuple(sensors), area or ScreenArea()), rng)
+
+
+def _kinds(sensor: SimulatedSensor) -> tuple[ReadingKind, ...]:
+    return SENSOR_KINDS[sensor.kind]
+
+
+def _count(sensors: Sequence[SimulatedSensor]) -> int:
+    return sum(len(_kinds(sensor)) for sensor in sensors)
+
+
+def _labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
+    """Labels of each sensor's places, counted on over those of one kind."""
+    counts, labels = dict.fromkeys(SENSOR_KINDS, 0), []
+    for sensor in sensors:
+        first = counts[sensor.kind] + 1
+        labels.append(tuple(str(number) for number in range(first, first + sensor.places)))
+        counts[sensor.kind] += sensor.places
+    return labels
+
+
+def _blank(sensor: SimulatedSensor, kind: ReadingKind, labels: Sequence[str]) -> Readings:
+    stored = {"point": 3, "orientation": 4, "distance": 1}.get(kind, 0)
+    n = len(labels)
+    return Readings(kind, sensor.target, sensor.link, np.full((n, stored), np.nan), np.array(labels, dtype=str), np.full(n, np.nan))
+
+
+def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3:
+    quaternion = rng.normal(0, 1, 4)
+    rotation = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix() if turned else np.eye(3)
+    return pin.SE3(rotation, rng.normal(0, far, 3))
+
+
+def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSetup:
+    """Sockets and planes where the target is at a random pose, ends of wires beside one."""
+    values, planes = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), {}
+    for sensor, labels in zip(setup.sensors, _labels(setup.sensors), strict=True):
+        points = setup.motion(_random(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
+        if sensor.kind == "distance":
+            values |= _named(f"{sensor.target}:wire", points[0] + rng.normal(0, _WIRE_FAR, 3))
+        for label, point in zip(labels, points, strict=False):
+            if sensor.kind == "socket":
+                values |= _named(f"socket:{label}", point)
+            else:
+                axes = _somewhere(rng, 0.0).rotation
+                planes[f"plane:{label}"], values[f"plane:{label}.offset"] = axes, float(axes[:, 0] @ point)
+    x = np.array([values[name] for name in setup.errors.names])
+    return replace(setup, x=x, errors=replace(setup.errors, planes=planes))
+
+
+def _named(place: str, point: Vector) -> dict[str, float]:
+    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
+
+
+def _random(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
+    lower, upper = joint_limits(setup.robot)
+    return rng.uniform(lower, upper, (count, len(lower)))
+
+

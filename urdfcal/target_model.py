@@ -1,0 +1,186 @@
+"""J = Jac2 Jac1 for sensors of targets: the target's pose and twist in its measuring frame, and the places that poses share.
+
+Twists of the chain are those of everything behind a joint against the screen (or the reference), at its origin. A target moves with
+those of its own way alone, and so does the measuring frame; what a sensor sees is the difference of the two, in the measuring frame's
+axes at the measuring frame's origin:
+
+    [v, w] = Ad(T_frame^-1) (V_target - V_frame)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.error_model import ErrorModel, Placements
+from urdfcal.frame_jacobian import LaserMotion
+from urdfcal.geometry import Array3, Matrix, Vector
+from urdfcal.measurements import Mask, Measurements
+from urdfcal.noise import Block, Linearisation
+from urdfcal.readings import KnownLength, Readings
+from urdfcal.target_sensors import SENSORS, TargetSensor, View, skew
+
+Rows = slice | npt.NDArray[np.intp]
+_HELD = 1e-8  # [m] standard deviation of a sum that is held
+_FRAME = 0  # of the chain's frames: the one that targets are seen in
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One instrument's readings of one target, put to the robot.
+
+    Attributes:
+        data: What was read.
+        sensor: How it is read.
+        frame: Index of the target among the chain's frames.
+        errors: The error model.
+        first: Index of its first number among those of a pose.
+    """
+
+    data: Readings
+    sensor: TargetSensor
+    frame: int
+    errors: ErrorModel
+    first: int
+
+    @property
+    def columns(self) -> slice:
+        """Its numbers among those of a pose."""
+        return slice(self.first, self.first + self.sensor.numbers)
+
+    def block(self, kind: int) -> Block:
+        """What tables and gates take it for."""
+        return Block(f"{self.data.target} {self.sensor.title}".strip(), self.columns, kind, self.sensor.unit)
+
+    @cached_property
+    def measured(self) -> Mask:
+        """Which of its numbers were read, (n, k)."""
+        if self.data.kind == "point":
+            return ~np.isnan(self.data.values)
+        return np.repeat(self.data.seen[:, None], self.sensor.numbers, axis=1)
+
+    @cached_property
+    def _values(self) -> Matrix:
+        """The readings with something harmless where nothing was read."""
+        harmless = np.array([0.0, 0.0, 0.0, 1.0]) if self.data.kind == "orientation" else 0.0
+        return np.where(np.isnan(self.data.values), harmless, self.data.values)
+
+    @cached_property
+    def _place_columns(self) -> npt.NDArray[np.intp]:
+        """Columns of x that each pose's place has, (n, a); those of the first place where the pose touches none; -1 if they are held."""
+        places = self.data.places
+        if not places:
+            return np.empty((len(self.data.labels), 0), dtype=int)
+        column = {name: index for index, name in enumerate(self.errors.names)}
+        table = np.array([[column.get(f"{place.name}.{name}", -1) for name in place.names] for place in places])
+        return np.asarray(table[self._place_of_pose])
+
+    @cached_property
+    def _place_of_pose(self) -> npt.NDArray[np.intp]:
+        index = {label: number for number, label in enumerate(self.data.touched)}
+        return np.array([index.get(str(label), 0) for label in self.data.labels], dtype=int)
+
+    @cached_property
+    def _held(self) -> Matrix:
+        """Values of a place's numbers that are not estimated, (n, a)."""
+        table = np.array([[self.errors.held.get(f"{place.name}.{name}", 0.0) for name in place.names] for place in self.data.places])
+        return np.asarray(table[self._place_of_pose]) if len(table) else np.empty((len(self.data.labels), 0))
+
+    @cached_property
+    def _axes(self) -> Array3:
+        """Of planes: normal and tangents of each pose's plane, (n, 3, 3)."""
+        planes = [self.errors.planes.get(place.name, np.eye(3)) for place in self.data.places] if self.data.kind == "plane" else [np.eye(3)]
+        return np.asarray(
+            np.array(planes)[self._place_of_pose if self.data.kind == "plane" else np.zeros(len(self.data.labels), dtype=int)]
+        )
+
+    def look(self, motion: LaserMotion, placed: Placements, rows: Rows, x: Vector) -> tuple[Matrix, Array3, Array3]:
+        """Residual (n, k), Jacobian (n, k, p) and joint Jacobian (n, k, inputs) of some poses at x."""
+        columns = self._place_columns[rows]
+        place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
+        p, R, jac1, joint_jac1 = seen_motion(self.errors, motion, placed, self.frame)
+        look = self.sensor.look(View(p, R, place, self._axes[rows]), self._values[rows])
+        measured = self.measured[rows]
+        jac2 = look.jac2 * measured[..., None]
+        jacobian = jac2 @ jac1
+        pose, number = np.arange(len(p))[:, None, None], np.arange(measured.shape[1])[None, :, None]
+        free = columns >= 0
+        by_place = look.by_place * measured[..., None] * free[:, None]
+        jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
+        return np.where(measured, look.residual, 0.0), jacobian, jac2 @ joint_jac1
+
+
+def readings_of(errors: ErrorModel, data: Measurements, first: int) -> tuple[Reading, ...]:
+    """Every instrument's readings, with their numbers behind those of the spots."""
+    names = [frame.name for frame in errors.chain.frames]
+    found: list[Reading] = []
+    for own in data.readings:
+        found.append(Reading(own, SENSORS[own.kind], 1 + names[1:].index(own.target), errors, first))
+        first += found[-1].sensor.numbers
+    return tuple(found)
+
+
+def seen_motion(errors: ErrorModel, motion: LaserMotion, placed: Placements, target: int) -> tuple[Matrix, Array3, Array3, Array3]:
+    """A target in its measuring frame: origin (n, 3), axes (n, 3, 3), and its twists there by parameter and by measured joint."""
+    frame, own = motion.frames[_FRAME], motion.frames[target]
+    R, p = frame[:, :, :3], frame[:, :, 3]
+    back = R.transpose(0, 2, 1)
+    share = placed.moves[target].astype(float) - placed.moves[_FRAME]
+    passed = np.arange(1, motion.axis_twists.shape[2] + 1)
+    depths = errors.chain.frames[target].depth, errors.chain.frames[_FRAME].depth
+    joints = (passed <= depths[0]).astype(float) - (passed <= depths[1])
+    by_joint = (motion.axis_twists * joints) @ (errors.chain.coupling.T if len(joints) else np.empty((0, 0)))
+    origin = (back @ (own[:, :, 3] - p)[..., None])[..., 0]
+    return origin, back @ own[:, :, :3], _moved(back, p, motion.jac1 * share), _moved(back, p, by_joint)
+
+
+def _moved(back: Array3, p: Matrix, twists: Array3) -> Array3:
+    """Twists at the common origin as the measuring frame at p has them, (n, 6, columns)."""
+    v, w = twists[:, :3], twists[:, 3:]
+    return np.concatenate([back @ (v - skew(p) @ w), back @ w], axis=1)
+
+
+def known_rows(here: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
+    """The same with what is known beforehand as further rows: distances between places, and a sum of parameters that is held.
+
+    Each stands in the first number of its row.
+    """
+    known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
+    if not known:
+        return here
+    rows, m, p = len(known), here.residual.shape[1], len(x)
+    residual, jacobian, sigma = np.zeros((rows, m)), np.zeros((rows, m, p)), np.full((rows, m), np.nan)
+    for row, (left, gradient, deviation) in enumerate(known):
+        residual[row, 0], jacobian[row, 0], sigma[row, 0] = left, gradient, deviation
+    return replace(
+        here,
+        residual=np.vstack([here.residual, residual]),
+        jacobian=np.concatenate([here.jacobian, jacobian]),
+        joint_jacobian=np.concatenate([here.joint_jacobian, np.zeros((rows, m, here.joint_jacobian.shape[2]))]),
+        measured=np.vstack([here.measured, ~np.isnan(sigma)]),
+        stated_sigma=np.vstack([here.stated_sigma, sigma]),
+    )
+
+
+def _length_row(errors: ErrorModel, known: KnownLength, x: Vector) -> tuple[float, Vector, float]:
+    """Residual, gradient and standard deviation of a known distance; its places are free, or held."""
+    column = {name: index for index, name in enumerate(errors.names)}
+    ends = [[f"{place}.{axis}" for axis in "xyz"] for place in (known.one, known.other)]
+    one, other = ([x[column[name]] if name in column else errors.held.get(name, 0.0) for name in end] for end in ends)
+    apart = np.subtract(one, other)
+    length = max(float(np.linalg.norm(apart)), 1e-9)
+    gradient = np.zeros(len(x))
+    for sign, end in zip((1.0, -1.0), ends, strict=True):
+        for name, share in zip(end, apart / length, strict=True):
+            if name in column:
+                gradient[column[name]] = sign * share
+    return known.length - length, gradient, known.sigma
+
+
+def _sum_row(errors: ErrorModel, x: Vector) -> tuple[float, Vector, float]:
+    gradient = np.array([errors.held_sum.get(name, 0.0) for name in errors.names])
+    return -float(gradient @ x), gradient, _HELD

@@ -1,0 +1,195 @@
+"""Sensors of targets: what they read of a target's pose in a measuring frame, and Jac2 of that reading.
+
+A sensor knows nothing of joints. It sees the target's origin p and axes R in the measuring frame, and gives the residual m - h and the
+derivative of h by the target's twist [v, w] in that frame's axes, taken at that frame's origin: the point p then moves by v + w x p.
+Numbers of a place that several poses share (a socket's point, a plane, the end of a wire) are parameters of the sensor's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from urdfcal.geometry import Array3, Matrix, Vector
+
+_LEAST_DISTANCE = 1e-9  # [m]; nearer to the end of a wire there is no direction to speak of
+
+
+@dataclass(frozen=True)
+class View:
+    """A target as a measuring frame sees it.
+
+    Attributes:
+        p: Its origin, (n, 3), [m].
+        R: Its axes, (n, 3, 3).
+        place: Numbers of the place that each pose refers to, (n, a).
+        axes: For planes: nominal normal and two tangents of each pose's plane as columns, (n, 3, 3).
+    """
+
+    p: Matrix
+    R: Array3
+    place: Matrix
+    axes: Array3
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a sensor makes of it.
+
+    Attributes:
+        residual: m - h, (n, k).
+        jac2: Derivative of h by the target's twist, (n, k, 6).
+        by_place: Derivative of h by the place's numbers, (n, k, a).
+    """
+
+    residual: Matrix
+    jac2: Array3
+    by_place: Array3
+
+
+class TargetSensor(Protocol):
+    """What is read of a target: a new kind of measurement is one more of these.
+
+    Attributes:
+        numbers: How many numbers a reading has, k.
+        unit: In which tables give its errors.
+        title: What tables call it behind the target's name.
+    """
+
+    numbers: ClassVar[int]
+    unit: ClassVar[str]
+    title: ClassVar[str]
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """Residual and derivatives at one state."""
+
+
+def skew(vectors: Matrix) -> Array3:
+    """The matrices of v x ., (n, 3, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
+
+
+def point_jacobian(p: Matrix) -> Array3:
+    """Motion of points per twist at the origin, [I, -[p]x], (n, 3, 6)."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -skew(p)], axis=2)
+
+
+def _nothing(look: Array3) -> Array3:
+    return np.zeros((*look.shape[:2], 0))
+
+
+class PointSensor:
+    """A tracker or a mocap system: the target's origin in the measuring frame, h = p."""
+
+    numbers, unit, title = 3, "mm", ""
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        jac2 = point_jacobian(view.p)
+        return Look(values - view.p, jac2, _nothing(jac2))
+
+
+class OrientationSensor:
+    """The target's axes: e = log(R_measured R'), in the measuring frame's axes.
+
+    With R -> exp(w) R it changes by de = -Jr^-1(e) w, where Jr^-1(e) = I + [e]x / 2 + (1/t^2 - (1 + cos t) / (2 t sin t)) [e]x^2 is the
+    inverse right Jacobian of SO(3) and t = |e| (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 10.86).
+    """
+
+    numbers, unit, title = 3, "deg", "orientation"
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        e = rotation_vectors(matrices(values) @ view.R.transpose(0, 2, 1))
+        jac2 = np.concatenate([np.zeros((len(e), 3, 3)), inverse_right_jacobian(e)], axis=2)
+        return Look(e, jac2, _nothing(jac2))
+
+
+class DistanceSensor:
+    """A ball bar or a draw wire: the distance from the target to a fixed point c, h = |p - c|."""
+
+    numbers, unit, title = 1, "mm", "distance"
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        apart = view.p - view.place
+        length = np.maximum(np.linalg.norm(apart, axis=1), _LEAST_DISTANCE)[:, None]
+        along = (apart / length)[:, None]
+        return Look(values - length, along @ point_jacobian(view.p), -along)
+
+
+class PlaneSensor:
+    """A probe's tip on a plane n . p = d: 0 = h = n . p - d, with n = (n0 + t1 tilt_1 + t2 tilt_2) / |...|."""
+
+    numbers, unit, title = 1, "mm", "plane"
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        lean = np.concatenate([np.ones((len(view.p), 1)), view.place[:, :2]], axis=1)
+        long = np.linalg.norm(lean, axis=1)[:, None]
+        n = np.einsum("nij,nj->ni", view.axes, lean / long)
+        height = np.sum(n * view.p, axis=1, keepdims=True)
+        tilted = (view.axes[:, :, 1:] - n[:, :, None] * (lean / long)[:, None, 1:]) / long[:, None]
+        by_tilt = np.einsum("ni,nij->nj", view.p, tilted)
+        by_place = np.concatenate([by_tilt, -np.ones_like(height)], axis=1)[:, None]
+        return Look(view.place[:, 2:] - height, n[:, None] @ point_jacobian(view.p), by_place)
+
+
+class SocketSensor:
+    """A ball in a socket s: 0 = h = p - s."""
+
+    numbers, unit, title = 3, "mm", ""
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        jac2 = point_jacobian(view.p)
+        return Look(view.place - view.p, jac2, np.broadcast_to(-np.eye(3), (len(view.p), 3, 3)))
+
+
+SENSORS: dict[str, TargetSensor] = {
+    "point": PointSensor(),
+    "orientation": OrientationSensor(),
+    "distance": DistanceSensor(),
+    "plane": PlaneSensor(),
+    "socket": SocketSensor(),
+}
+
+
+def matrices(quaternions: Matrix) -> Array3:
+    """Rotation matrices of unit quaternions x, y, z, w, (n, 3, 3)."""
+    u, w = quaternions[:, :3], quaternions[:, 3, None, None]
+    K = skew(u)
+    return np.eye(3) + 2 * w * K + 2 * K @ K
+
+
+def rotation_vectors(R: Array3) -> Matrix:
+    """Logarithms of rotation matrices, (n, 3), [rad]; exact near zero, and within rounding of half a turn."""
+    axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
+    sine, cosine = np.linalg.norm(axis, axis=1), (np.trace(R, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        vectors = axis * np.where(sine > 1e-8, angle / sine, 1.0)[:, None]
+    half = cosine < -1 + 1e-6
+    for pose in np.flatnonzero(half):
+        vectors[pose] = _near_half_turn(R[pose])
+    return np.asarray(vectors)
+
+
+def _near_half_turn(R: Matrix) -> Vector:
+    import pinocchio as pin
+
+    return np.asarray(pin.log3(R))
+
+
+def inverse_right_jacobian(e: Matrix) -> Array3:
+    """Of SO(3) at rotation vectors e, (n, 3, 3)."""
+    t = np.linalg.norm(e, axis=1)
+    small = t < 1e-4
+    safe = np.where(small, 1.0, t)
+    factor = np.where(small, 1 / 12 + t**2 / 720, 1 / safe**2 - (1 + np.cos(safe)) / (2 * safe * np.sin(safe)))
+    K = skew(e)
+    return np.eye(3) + K / 2 + factor[:, None, None] * (K @ K)

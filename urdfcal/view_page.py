@@ -1,0 +1,121 @@
+"""The page: meshcat's viewer, the scene as its commands, the legend, and where to look from, all in one file."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from html import escape
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.geometry import Matrix
+from urdfcal.key_frames import KeyFrames, SetClips, key_frames
+from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer
+from urdfcal.robot import Robot
+from urdfcal.robot_shapes import Shapes
+from urdfcal.scene import Scene, configurations, screen_placements
+from urdfcal.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
+from urdfcal.scene_motion import draw_motion, draw_pose_marks
+from urdfcal.view_camera import choose_direction
+from urdfcal.view_legend import panel_html, pose_entries
+from urdfcal.view_recorder import Recorder
+from urdfcal.view_style import SCRIPT, STYLE
+
+_MOST_POINTS = 200  # of the lasers' places that the camera has to hold
+_GHOST_OPACITY = 0.3
+_LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
+_TEMPLATE = """<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title><link rel="icon" href="data:,">
+<style>{style}</style></head>
+<body>
+<div id="meshcat-pane"></div>
+{panel}
+<div id="trouble"></div>
+<script type="application/json" id="urdfcal-config">{config}</script>
+<script type="text/plain" id="urdfcal-scene">{scene}</script>
+<script>{meshcat}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
+
+
+def page_of(scene: Scene, shapes: Shapes) -> str:
+    """The whole scene as one page that needs no network."""
+    keys = key_frames(scene)
+    entries = pose_entries(scene, keys.rows)
+    options = "".join(f"<option>{escape(str(entry['label']))}</option>" for entry in entries)
+    return _TEMPLATE.format(
+        title=escape(f"{scene.robot.name} - urdfcal view"),
+        style=STYLE,
+        panel=panel_html(scene, len(keys.rows)).replace("%POSES%", options),
+        config=_json({"poses": entries, "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}),
+        scene=_drawn(scene, shapes, keys).packed(),
+        meshcat=VIEWER_SCRIPT.read_text("utf-8"),
+        script=SCRIPT,
+    )
+
+
+def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
+
+    recorder = Recorder()
+    tab = recorder.visualizer()
+    tab["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+    tab["/Background"].set_property("bottom_color", [0.88, 0.9, 0.92])
+    for own in ("/Grid", "/Axes"):
+        tab[own].set_property("visible", False)
+    for light, intensity in _LIGHTS.items():
+        tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
+    robot = MeshcatVisualizer(scene.solid.model, None, shapes.model)
+    robot.initViewer(viewer=tab)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a mesh without its texture is drawn all the same
+        robot.loadViewerModel("solid")
+    robot.display(configurations(scene.solid, keys.q[:1])[0])
+    draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
+    draw_spots(tab["screen/spots"], scene)
+    draw_all_beams(tab["screen/beams"], scene)
+    draw_pose_marks(tab["screen/pose"], scene)
+    clips = draw_motion(tab, scene, shapes, keys)
+    if len(keys.rows) > 1:
+        recorder.send(SetClips(clips))
+    return recorder
+
+
+def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
+
+    names = [shape.name for shape in shapes.model.geometryObjects] if scene.calibrated is not None else []
+    return {"names": names, "color": NOMINAL, "opacity": _GHOST_OPACITY}
+
+
+def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
+    """Where to look from, and what the picture is to hold: the robot in the first pose, all lasers, the sheet and its numbers."""
+    whole = configurations(scene.solid, q[None])
+    T_root_screen, sheet = screen_placements(scene.solid, whole)[0], scene.sheet
+
+    def in_root(points: Matrix) -> Matrix:
+        return np.asarray(points @ T_root_screen.rotation.T + T_root_screen.translation)
+
+    (left, low), (right, high) = sheet.low - 0.09 * sheet.size, sheet.high + 0.03 * sheet.size
+    corners = np.array([[0.0, y, z] for y in (left, right) for z in (low, high)])
+    sources = scene.shown.source.reshape(-1, 3)
+    held = scene.data.spots[scene.data.seen] if scene.data.seen.any() else scene.shown.spots[scene.shown.meets]
+    spots = in_root(np.column_stack([np.zeros(len(held)), held]))
+    thinned = sources[:: max(1, len(sources) // _MOST_POINTS)]
+    points = np.concatenate([shapes.corners(scene.solid, whole[0]), in_root(thinned), in_root(corners)])
+    direction = choose_direction(T_root_screen.rotation[:, 0] * scene.side, spots, _skeleton(scene.solid, whole[0]), points)
+    return {"direction": direction.tolist(), "points": np.round(points, 4).tolist()}
+
+
+def _skeleton(robot: Robot, q: Matrix) -> Matrix:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    joints = [robot.model.getJointId(step.joint.name) for step in robot.chain.moving]
+    return np.asarray([data.oMi[joint].translation for joint in joints])
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")

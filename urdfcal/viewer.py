@@ -1,0 +1,126 @@
+"""The meshcat tab: robot, beams, screen, measured and predicted spots, as a page of its own, a server, or a notebook's cell.
+
+view = urdfcal.viewer.view_of(robot, data, calibrated)
+view.write_html("view.html"); view.serve(); view          # the last line of a notebook's cell shows it
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from urdfcal.error_model import ErrorModel
+from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.files import write_whole
+from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.robot import Robot
+from urdfcal.robot_shapes import Shapes, robot_shapes
+from urdfcal.scene import Scene
+from urdfcal.simulation import draw_poses, joint_limits
+from urdfcal.view_server import PageServer
+
+_DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
+
+
+@dataclass(frozen=True)
+class View:
+    """A scene that can be looked at.
+
+    Attributes:
+        scene: What there is to see.
+        warnings: What the user ought to know.
+    """
+
+    scene: Scene
+    shapes: Shapes
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def html(self) -> str:
+        """One page that needs nothing else, no network either."""
+        from urdfcal.view_page import page_of
+
+        return page_of(self.scene, self.shapes)
+
+    def write_html(self, path: str | Path) -> None:
+        """Write the page, whole or not at all."""
+        write_whole(path, self.html.encode())
+
+    def serve(self, port: int = 7000, host: str = "127.0.0.1") -> PageServer:
+        """Serve the page from now on, on this port or the next free one; its `url` is where, and it stops at `close()`."""
+        return PageServer(self.html.encode(), host, port)
+
+    def _repr_html_(self) -> str:
+        """In a notebook."""
+        frame = "width: 100%; height: 640px; border: 1px solid #d5dade; border-radius: 6px"
+        return f'<iframe title="urdfcal view" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
+
+
+def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | None = None, magnify: float | None = None) -> View:
+    """Put robot, beams, screen and spots into a scene.
+
+    Args:
+        robot: As its URDF has it.
+        data: Measured spots; without any, one pose is shown in which every beam meets the screen, if there is one.
+        calibrated: The same robot as it was found to be.
+        magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
+
+    Raises:
+        ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
+        UsageError: the magnification is not above zero, or there are no lasers.
+    """
+    if magnify is not None and not 0 < magnify < np.inf:
+        raise UsageError(f"the magnification must be above zero, found {magnify:g}")
+    if not robot.rig.lasers:
+        raise UsageError("the view shows laser spots; this robot is measured without lasers")
+    said: list[str] = []
+    rows = _one_pose(robot) if data is None else data
+    _check(robot, calibrated, rows)
+    if calibrated is not None and len(rows.session_names) > 1:
+        first = rows.session_names[0]
+        left_out = int(np.count_nonzero(rows.sessions != first))
+        rows = rows.subset(rows.sessions == first)
+        said.append(f"the calibrated robot has the screen of session '{first}'; {left_out} poses of other sessions are not shown")
+    scene = Scene(robot, calibrated, rows, magnify)
+    shapes = robot_shapes(scene.solid)
+    return View(scene, shapes, (*said, *_missing(scene), *shapes.warnings))
+
+
+def _missing(scene: Scene) -> list[str]:
+    lost = scene.data.seen & ~scene.shown.meets
+    if not lost.any():
+        return []
+    pose, laser = np.argwhere(lost)[0]
+    return [
+        f"{scene.data.where(int(pose))}: {scene.data.lasers[laser]} was seen, but in the robot that is drawn its beam misses the screen "
+        f"({np.count_nonzero(lost)} such spots)"
+    ]
+
+
+def _check(robot: Robot, calibrated: Robot | None, data: Measurements) -> None:
+    if (data.joints, data.lasers) != (robot.chain.input_names, robot.rig.lasers):
+        raise ShapeMismatch(f"the measurements are of {', '.join((*data.joints, *data.lasers))}; the robot has {_inputs(robot)}")
+    if calibrated is not None and _inputs(calibrated) != _inputs(robot):
+        raise ShapeMismatch(
+            f"{calibrated.description.label}: has {_inputs(calibrated)}; the robot it is compared with has {_inputs(robot)}"
+        )
+
+
+def _inputs(robot: Robot) -> str:
+    return ", ".join((*robot.chain.input_names, *robot.rig.lasers))
+
+
+def _one_pose(robot: Robot) -> Measurements:
+    """A pose with nothing measured: near the middle of the limits, and one at which all beams meet the screen, if that is found."""
+    limits = joint_limits(robot)
+    middle, half = limits.mean(axis=0), np.maximum(np.ptp(limits, axis=0) / 2, 1e-9)
+    try:
+        drawn = draw_poses(robot, ErrorModel(robot.chain, (), ()), np.empty(0), _DRAWN, np.random.default_rng(0))
+    except UsageError:
+        drawn = middle[None]
+    q = drawn[np.argmin(np.linalg.norm((drawn - middle) / half, axis=1))][None]
+    return measurements_from(robot, q, np.full((1, len(robot.rig.lasers), 2), np.nan), poses=["shown"])

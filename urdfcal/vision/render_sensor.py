@@ -1,0 +1,63 @@
+"""From light on a sensor to the numbers of a picture: shot noise, read noise, uneven pixels, mosaic, tone curve, eight bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.geometry import Array3
+
+Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A camera's sensor and what it does to the light.
+
+    Attributes:
+        well: Electrons at full scale; shot noise is their square root.
+        read: Read noise, electrons.
+        uneven: Standard deviation of the pixels' own sensitivities.
+        black: Offset of black, of full scale.
+        mosaic: Whether each pixel sees one colour (RGGB) and the others are interpolated.
+        tone: Whether the sRGB curve is applied, as in pictures for people.
+    """
+
+    well: float = 10000.0
+    read: float = 12.0
+    uneven: float = 0.005
+    black: float = 0.01
+    mosaic: bool = False
+    tone: bool = False
+
+    def expose(self, light: Array3, rng: np.random.Generator, pattern: npt.NDArray[np.float64] | None = None) -> Pixels:
+        """The picture (h, w, 3) in OpenCV's order blue, green, red, that some light (h, w, 3) makes.
+
+        Args:
+            light: Linear, 1 is full scale, red, green, blue.
+            rng: Source of the noise.
+            pattern: The pixels' own sensitivities, from `pattern`, which stay from picture to picture.
+        """
+        electrons = np.clip(light, 0, 50) * self.well * (1.0 if pattern is None else pattern)
+        noisy = rng.poisson(electrons) + rng.normal(0.0, self.read, light.shape)
+        level = np.clip(noisy / self.well + self.black, 0, 1)
+        if self.mosaic:
+            level = _mosaic(level)
+        if self.tone:
+            level = np.where(level <= 0.0031308, 12.92 * level, 1.055 * np.power(np.maximum(level, 1e-9), 1 / 2.4) - 0.055)
+        return np.ascontiguousarray(np.rint(255 * level).astype(np.uint8)[..., ::-1])
+
+    def pattern(self, size: tuple[int, int], rng: np.random.Generator) -> npt.NDArray[np.float64]:
+        """The sensitivities of a sensor's pixels, (h, w, 3)."""
+        return 1 + rng.normal(0.0, self.uneven, (size[1], size[0], 3))
+
+
+def _mosaic(level: Array3) -> Array3:
+    """One colour a pixel, the rest interpolated by OpenCV's edge-aware method."""
+    raw = level[..., 1].copy()
+    raw[::2, ::2], raw[1::2, 1::2] = level[::2, ::2, 0], level[1::2, 1::2, 2]
+    sixteen = np.rint(raw * 65535).astype(np.uint16)
+    return np.asarray(cv2.cvtColor(sixteen, cv2.COLOR_BayerBG2RGB_EA), dtype=float) / 65535
