@@ -44,7 +44,7 @@ def find_browser() -> str | None:
 class Browser:
     """One page of a headless Chromium."""
 
-    def __init__(self, width: int = 1200, height: int = 800, patience: float = 60.0) -> None:
+    def __init__(self, width: int = 1200, height: int = 800, patience: float = 120.0) -> None:
         self.patience, self.console = patience, []
         self._folder = tempfile.TemporaryDirectory(prefix="urdfcal-browser-")
         theirs_in, self._to = os.pipe()
@@ -89,11 +89,11 @@ class Browser:
                 return dict(answer["result"])
             self._note(answer)
 
-    def open(self, url: str | Path) -> float:
-        """Load a page and wait until its scene is drawn; gives back the seconds that took, as the page saw it."""
+    def open(self, url: str | Path, ready: str = "document.documentElement?.dataset.ready") -> float:
+        """Load a page and wait until it is ready (a scene: until it is drawn); gives back the milliseconds `ready` states, in s."""
         self.console.clear()
         self.call("Page.navigate", url=url if isinstance(url, str) else url.resolve().as_uri())
-        return float(self.wait_for("document.documentElement?.dataset.ready")) / 1e3
+        return float(self.wait_for(ready)) / 1e3
 
     def wait_for(self, expression: str) -> Any:
         """The value of an expression of JavaScript as soon as it is true."""

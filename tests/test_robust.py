@@ -10,9 +10,9 @@ import pytest
 from urdfcal.calibration import fit
 from urdfcal.error_table import rms_mm
 from urdfcal.measurements import Measurements
-from urdfcal.noise import Linearisation, Noise
+from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.robot import Robot
-from urdfcal.robust import robust_scale, squared_distances
+from urdfcal.robust import _limits, degrees, robust_scale, squared_distances
 from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
 
 
@@ -24,13 +24,30 @@ def clean(robots: dict[str, Robot], rng: np.random.Generator) -> Measurements:
     return simulate(robot, model, truth, draw_poses(robot, model, truth, 80, rng), rng, SimulatedNoise(1e-3))
 
 
+PAIRS = (Block("one", slice(0, 2)), Block("other", slice(2, 4)))
+
+
+@pytest.mark.parametrize("numbers", [1, 2, 3])
+def test_chance_and_scale_are_right_for_any_number_of_numbers(numbers: int, rng: np.random.Generator) -> None:
+    """The robust scale of Gaussian residuals is 1, and the limit of a clean set is passed about as seldom as it says."""
+    n = 200_000
+    blocks = (Block("target", slice(0, numbers)),)
+    residual, blank = rng.normal(size=(n, numbers)), np.full((n, numbers), np.nan)
+    here = Linearisation(residual, np.zeros((n, numbers, 1)), np.empty((n, numbers, 0)), blank != 0, blank, blocks=blocks)
+    d2 = squared_distances(here, Noise(1.0, np.zeros(0)))
+    assert robust_scale(d2, degrees(here)) == pytest.approx(1.0, rel=0.01)
+    few = replace(here, residual=residual[:100], measured=here.measured[:100], stated_sigma=blank[:100])
+    share = float(np.mean(d2 > _limits(few)[0, 0]))  # a hundredth of the sets of a hundred lose one
+    assert 0.5e-4 < share < 2e-4
+
+
 def test_squared_distances_are_chi_squared_of_two(rng: np.random.Generator) -> None:
     """For Gaussian residuals with joint noise the squared distances have mean 2 and the robust scale 1."""
     n = 4000
     J_q = rng.normal(size=(n, 4, 2))
     noise = Noise(0.5, np.array([0.3, 0.2]))
     residual = 0.5 * rng.normal(size=(n, 4)) + (J_q @ (rng.normal(size=(n, 2)) * noise.joint_sigma)[..., None])[..., 0]
-    here = Linearisation(residual, np.zeros((n, 4, 1)), J_q, np.ones((n, 4), dtype=bool), np.full((n, 4), np.nan))
+    here = Linearisation(residual, np.zeros((n, 4, 1)), J_q, np.ones((n, 4), dtype=bool), np.full((n, 4), np.nan), blocks=PAIRS)
     d2 = squared_distances(here, noise)
     assert d2.mean() == pytest.approx(2.0, rel=0.05)
     assert robust_scale(d2) == pytest.approx(1.0, rel=0.03)

@@ -16,6 +16,7 @@ import uuid
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,6 +29,7 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.key_frames import MOST_POSES, key_frames
 from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.meshcat_parts import umsgpack
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robot_shapes import robot_shapes
 from urdfcal.scene import Scene, beams_of, configurations, screen_placements
@@ -47,6 +49,19 @@ def measured(robot: Robot, count: int = 6, seed: int = 3) -> tuple[Measurements,
     data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, count, rng, area=ScreenArea(1.5)), rng)
     text = with_origins(robot.description, errors.corrected_origins(truth))
     return data, robot_from(replace(robot.description, text=text))
+
+
+def commands_of(page: str) -> list[dict[str, Any]]:
+    """meshcat's commands in a page, but the animation's."""
+    scene = re.search(r'id="urdfcal-scene">([^<]*)<', page)
+    assert scene
+    content, at, found = gzip.decompress(base64.b64decode(scene[1])), 0, []
+    while at < len(content):
+        length = int.from_bytes(content[at : at + 4], "little")
+        command = content[at + 4 : at + 4 + length]
+        found += [] if command.startswith(b"{") else [umsgpack.unpackb(command)]
+        at += 4 + length
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +149,26 @@ def test_a_mesh_beside_the_description_is_found_and_a_broken_one_survived(tmp_pa
         shapes = robot_shapes(robot_of(text, str(tmp_path / "small.urdf")))
         assert ("upper_0" in {shape.name for shape in shapes.model.geometryObjects}) is found
         assert (shapes.warnings == ()) is found
+
+
+def test_a_mesh_without_its_texture_is_drawn_without_colours(tmp_path: Path, example_robots: Path) -> None:
+    """Pinocchio's display would leave the link out; here its triangles are in the scene, in the size that the URDF's scale gives."""
+    collada = (example_robots / "panda_description" / "meshes" / "visual" / "finger.dae").read_text()
+    image = '<library_images><image id="i" name="i"><init_from>nowhere.png</init_from></image></library_images>'
+    collada = re.sub(r"<library_images\s*/>|<library_images>.*?</library_images>", "", collada, flags=re.DOTALL)
+    (tmp_path / "finger.dae").write_text(collada.replace("<library_geometries>", image + "<library_geometries>", 1))
+    mesh = '<visual><geometry><mesh filename="finger.dae" scale="2 2 2"/></geometry></visual>'
+    text = URDF.replace('<link name="upper"/>', f'<link name="upper">{mesh}</link>')
+    view = view_of(robot_of(text, str(tmp_path / "small.urdf")))
+    assert view.warnings == ()
+    found = [command for command in commands_of(view.html) if command.get("path") == "/meshcat/solid/visuals/upper_0"]
+    drawn = next(command["object"]["geometries"][0]["data"] for command in found if command["type"] == "set_object")
+    vertices = np.frombuffer(drawn["attributes"]["position"]["array"].data, np.float32).reshape(-1, 3)
+    placed = next(np.array(command["matrix"]).reshape(4, 4).T for command in found if command["type"] == "set_transform")
+    shape = view.shapes.model.geometryObjects[view.shapes.model.getGeometryId("upper_0")].geometry
+    size = np.ptp(vertices, axis=0) * np.linalg.norm(placed[:3, :3], axis=0)
+    shape.computeLocalAABB()
+    np.testing.assert_allclose(size, shape.aabb_local.max_ - shape.aabb_local.min_, atol=1e-6)
 
 
 def test_the_robots_own_sheet_is_left_out(robots: dict[str, Robot]) -> None:

@@ -257,7 +257,11 @@ def test_broken_views_are_refused_in_one_line(run_cli: RunCli, views_folder: Pat
     for index in range(3):
         cv2.imwrite(str(tmp_path / f"none/empty{index}.png"), np.full((240, 320), 90, np.uint8))
     refused(run_cli("camera", "none", *options), tmp_path, "none of 3 pictures show the board", "no chessboard with 9 x 6", "and 2 more")
-    refused(run_cli("camera", views_folder, "--board", "8x6:25mm", "-o", "camera.yaml"), tmp_path, "shows 9 x 6: is it --board 9x6:25mm?")
+    refused(
+        run_cli("camera", f"{views_folder}/view[0-2].png", "--board", "8x6:25mm", "-o", "camera.yaml"),
+        tmp_path,
+        "shows 9 x 6: is it --board 9x6:25mm?",
+    )
 
 
 @pytest.mark.parametrize(

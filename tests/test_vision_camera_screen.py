@@ -14,7 +14,7 @@ import pytest
 
 from tests.conftest import CliResult
 from tests.helpers import assert_poses_close
-from tests.vision_scenes import board_light, marker_light, picture, random_camera
+from tests.vision_scenes import board_light, board_pictures, marker_light, picture, random_camera
 from urdfcal.errors import InputError
 from urdfcal.geometry import distance_mm_mrad
 from urdfcal.vision.boards import Chessboard
@@ -27,7 +27,12 @@ from urdfcal.vision.screen_pose import screen_from_board, screen_from_markers
 
 CENTRES = {0: (0.55, 0.4), 1: (-0.55, 0.4), 2: (0.55, -0.4), 3: (-0.55, -0.4), 4: (0.0, 0.4)}
 SIZE = (960, 720)
-SCREEN_YAML = "dictionary: DICT_4X4_50\nsize_mm: 100\nplacement_mm: 0\nside: {side}\nmarkers: {{0: [550, 400], 1: [-550, 400], 2: [550, -400], 3: [-550, -400], 4: [0, 400]}}\n"
+SCREEN_YAML = """dictionary: DICT_4X4_50
+size_mm: 100
+placement_mm: 0
+side: {side}
+markers: {{0: [550, 400], 1: [-550, 400], 2: [550, -400], 3: [-550, -400], 4: [0, 400]}}
+"""
 RunCli = Callable[..., CliResult]
 
 
@@ -112,7 +117,7 @@ def test_markers_put_up_by_hand_are_not_wrong() -> None:
 @pytest.mark.parametrize("side", ["front", "back"])
 @pytest.mark.parametrize("upright", [0.0, 60.0])
 def test_a_chessboard_on_the_screen_will_do(side: Side, upright: float) -> None:
-    """Its first corner is the one at the top left seen from the front, from whichever side and however the camera is rolled up to 90 deg."""
+    """Its first corner is the one at the top left seen from the front, from whichever side, however the camera is rolled up to 90 deg."""
     rng = np.random.default_rng(14)
     camera = random_camera(rng, side, oblique_deg=35, size=SIZE)
     roll = pin.SE3(pin.exp3(np.array([0, 0, np.radians(upright)])), np.zeros(3))
@@ -170,6 +175,25 @@ def test_a_screen_is_added_to_a_known_lens(run_cli: RunCli, scene: tuple[Path, C
     assert off_mm < 4e3 * np.sqrt(np.trace(camera.screen_covariance[:3, :3]))
     spoken = run_cli("camera", *words, "-o", "again.yaml")
     assert "screen seen from the back, by 4 markers (0, 1, 2, 3)" in spoken.out
+
+
+def test_lens_and_screen_in_one_go(run_cli: RunCli, tmp_path: Path) -> None:
+    """Views of a board and a picture of the screen, all by one camera, give the whole camera.yaml."""
+    rng, size = np.random.default_rng(17), (640, 480)
+    camera, board = random_camera(rng, oblique_deg=30, size=size), Chessboard(9, 6, 0.025)
+    for index, made in enumerate(board_pictures(camera, board, 9, rng)):
+        cv2.imwrite(str(tmp_path / f"view{index}.png"), made)
+    cv2.imwrite(str(tmp_path / "screen.png"), picture(camera, marker_light(layout()), rng))
+    (tmp_path / "screen.yaml").write_text(SCREEN_YAML.format(side="front"), "utf-8")
+    words = ("camera", "view*.png", "--board", "9x6:25mm", "--screen", "screen.png", "--markers", "screen.yaml", "-o", "camera.yaml")
+    done = run_cli(*words)
+    assert done.code == 0, done.err
+    found = read_camera(tmp_path / "camera.yaml")
+    spots = rng.uniform(-0.4, 0.4, (30, 2))
+    off = found.spots_of_pixels(camera.pixels_of_spots(spots)) - spots
+    assert np.sqrt((off**2).mean()) < 1e-3, off
+    assert "plain lens from 9 views" in done.out
+    assert "screen seen from the front, by 5 markers" in done.out
 
 
 def test_a_screen_picture_that_will_not_do_is_refused(run_cli: RunCli, scene: tuple[Path, Camera], tmp_path: Path) -> None:

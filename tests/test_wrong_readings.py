@@ -11,7 +11,7 @@ from urdfcal.ekf import Belief
 from urdfcal.error_model import ErrorModel
 from urdfcal.gauge import build_error_model
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers, spots_of
+from urdfcal.method import CleanFit, Method, fit_without_outliers, observations_of, without_gross_outliers
 from urdfcal.noise import Noise
 from urdfcal.robot import Robot
 from urdfcal.robust import beyond_belief
@@ -61,7 +61,7 @@ def test_good_spots_are_let_back_in(robots: dict[str, Robot], rng: np.random.Gen
     errors, _, data = measured(robots["panda"], rng)
     start = errors.mean.copy()
     start[errors.names.index("slm.rot_y")] = np.radians(35)
-    missed = spots_of(SpotModel(errors, data)).missed(start)
+    missed = observations_of(SpotModel(errors, data)).missed(start)
     assert 0 < missed.mean() < 0.4
     found, expected = clean_fit(errors, data, start=start), clean_fit(errors, data)
     assert found.outliers == ()
@@ -84,7 +84,7 @@ def test_a_set_without_some_spots_is_the_model_of_the_others(robots: dict[str, R
     """Residuals and Jacobian without some spots are those of measurements in which they were not seen."""
     errors, truth, data = measured(robots["ur5"], rng)
     kept = rng.random(data.seen.shape) < 0.7
-    found = spots_of(SpotModel(errors, data)).at(truth, kept)
+    found = observations_of(SpotModel(errors, data)).at(truth, kept)
     expected = SpotModel(errors, replace(data, spots=np.where(kept[..., None], data.spots, np.nan))).linearise(truth)
     np.testing.assert_array_equal(found.measured, expected.measured)
     np.testing.assert_array_equal(found.residual, expected.residual)
@@ -100,7 +100,7 @@ def held_out(robot: Robot, rng: np.random.Generator, gross: float, worse: float)
     angle = rng.uniform(0, 2 * np.pi, hit.shape)
     off = worse * rng.normal(size=unseen.spots.shape) + hit[..., None] * gross * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     model = SpotModel(errors, replace(unseen, spots=unseen.spots + off))
-    return hit, beyond_belief(spots_of(model), found)
+    return hit, beyond_belief(observations_of(model), found)
 
 
 @pytest.mark.parametrize("name", ["arm7", "panda", "ur5"])
@@ -123,6 +123,10 @@ def test_an_unseen_pose_whose_beams_miss_is_an_outlier(robots: dict[str, Robot],
     found = clean_fit(errors, data).estimate
     q = data.q.copy()
     q[POSE, 5] += np.pi / 2
-    spots = spots_of(SpotModel(errors, replace(data, q=q)))
+    spots = observations_of(SpotModel(errors, replace(data, q=q)))
     assert spots.missed(found.belief.x)[POSE].any()
     assert np.flatnonzero(beyond_belief(spots, found).any(axis=1)).tolist() == [POSE]
+    left, outliers = without_gross_outliers(SpotModel(errors, replace(data, q=q)), found)
+    assert {outlier.pose for outlier in outliers} == {f"pose {POSE + 1}"}
+    np.testing.assert_array_equal(left.data.seen, ~beyond_belief(spots, found))
+    assert without_gross_outliers(SpotModel(errors, data), found)[1] == ()

@@ -42,18 +42,18 @@ def random_camera(
     return Camera(size, matrix, distortion, "plain", T_camera_screen, side)
 
 
-def picture(camera: Camera, light: Light, rng: np.random.Generator, *, noise: float = 2.0, blur: int = 3) -> np.ndarray:
-    """What the camera sees of a screen with that light (a function of y and z), (h, w) in 8 bits; `blur` rays a pixel each way."""
+def picture(camera: Camera, light: Light, rng: np.random.Generator, *, noise: float = 2.0, rays: int = 3) -> np.ndarray:
+    """What the camera sees of a screen with that light (a function of y and z), (h, w) in 8 bits; `rays` of them a pixel each way."""
     width, height = camera.size
     across, down = np.arange(-_COARSE, width + 2 * _COARSE, _COARSE), np.arange(-_COARSE, height + 2 * _COARSE, _COARSE)
     coarse = camera.spots_of_pixels(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)).reshape(len(down), len(across), 2)
     spots = [RectBivariateSpline(down, across, coarse[..., axis]) for axis in (0, 1)]  # the way of the rays is smooth
-    steps, total = (np.arange(blur) + 0.5) / blur - 0.5, np.zeros((height, width))
+    steps, total = (np.arange(rays) + 0.5) / rays - 0.5, np.zeros((height, width))
     for right in steps:
         for below in steps:
             y, z = (spline(np.arange(height) + below, np.arange(width) + right).ravel() for spline in spots)
             total += light(y, z).reshape(height, width)
-    noisy = total / blur**2 + rng.normal(0, noise, total.shape)
+    noisy = total / rays**2 + rng.normal(0, noise, total.shape)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

@@ -14,10 +14,10 @@ from urdfcal.arm_scale import with_scale
 from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import applied
 from urdfcal.ekf import Belief, Estimate
-from urdfcal.error_model import ErrorModel, PriorScale, matching
+from urdfcal.error_model import DEFAULT_PRIORS, ErrorModel, PriorScale, matching
 from urdfcal.error_table import SpotTable, error_table
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
-from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence
+from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
 from urdfcal.formats import Deployed
@@ -26,13 +26,13 @@ from urdfcal.geometry import MM, Vector
 from urdfcal.hypotheses import best_hypothesis
 from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior
+from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior, without_gross_outliers
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
 from urdfcal.nominal import nominal_fit, with_new_places
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
-from urdfcal.robust import robust_scale, squared_distances
+from urdfcal.robust import degrees, robust_scale, squared_distances
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
 from urdfcal.start import Start, find_start
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from urdfcal.viewer import View
 
 _CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
+_INCREDIBLE = 6.0  # [sigmas of the prior] a fit that moved a parameter farther is not taken for granted
+_FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
@@ -180,9 +182,9 @@ def fit(
         errors, method = begun.errors, replace(method, start=begun.x)
         model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
         found = method.run(model, prior, noise)
-    if len(found.history) == 1:
-        _require_beams_on_screen(model, begun.x)
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
+    if len(clean.estimate.history) == 1:
+        _require_beams_on_screen(model, begun.x)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
     stated_errors, chosen = errors, None
     if evidence and method.shrinks and "joint" not in options.priors:
@@ -213,6 +215,7 @@ def fit(
             *((no_scale,) if no_scale else ()),
             *((begun.message,) if begun.message else ()),
             *_few_spots(noise, freedom),
+            *_large_scales(chosen),
             *_disagreement(found.noise, misfit, freedom),
         ),
     )
@@ -266,9 +269,11 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
         raise UsageError(
             f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
         )
+    joints = bool(np.any(calibration.estimate.noise.joint_sigma))
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
-    after = error_table(SpotModel(test_errors, test).linearise(x), len(test))
-    return replace(calibration, test=(calibration.nominal.table(test), after), test_data=test)
+    model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
+    tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
+    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
 
 
 def laid_over(
@@ -310,8 +315,25 @@ def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
     )
 
 
+def _large_scales(chosen: Evidence | None) -> tuple[str, ...]:
+    """Joint errors that are far larger than a robot's usually are."""
+    usual = DEFAULT_PRIORS["joint"]
+    scales = chosen.scales if chosen is not None else {}
+    large = [name for name, scale in scales.items() if scale > _FAR * usual.sigma("m" if name == "translation" else "rad")]
+    if not large:
+        return ()
+    sizes = ", ".join(f"{name} {scales[name] / MM:.3g} {'mm' if name == 'translation' else 'mrad'}" for name in large)
+    return (f"the data ask for joint errors far larger than robots have ({sizes}); check the URDF, the joints' units, zeros and signs",)
+
+
 def _explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
-    """Whether a fit from the prior put most spots where they were seen, so that neither the start nor the data need a second look."""
+    """Whether a fit from the prior put most spots where they were seen and believes nothing that the prior does not.
+
+    Else the start or the data need a second look: a robot shrunk to nothing explains spots in the wrong unit, and a module that is
+    turned round explains a joint that was read off by a right angle.
+    """
+    if np.any(np.abs(found.belief.x - model.errors.mean) > _INCREDIBLE * model.errors.sigma):
+        return False
     distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
     near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
     return found.converged and bool(np.nanmedian(distance) < near)
@@ -342,7 +364,8 @@ def _by_evidence(
     if method.estimator != "ekf":
         again = replace(method, start=refitted.belief.x)
         refitted = again.run(model, Belief(errors.mean, np.diag(errors.sigma**2)), replace(refitted.noise, stated=True))
-        refitted = replace(refitted, noise=replace(refitted.noise, stated=noise.stated))
+        belief = Belief(refitted.belief.x, with_unsure_scales(errors, chosen.groups, refitted.belief))
+        refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
     return errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen
 
 
@@ -385,7 +408,7 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
 def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
     """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
     if method.estimator == "robust":
-        return robust_scale(squared_distances(here, noise)) ** 2
+        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2
     return noise.chi_squared(here) / max(freedom, 1.0)
 
 

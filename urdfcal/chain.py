@@ -29,6 +29,36 @@ class Step:
 
 
 @dataclass(frozen=True)
+class Bend:
+    """An axis about which a moving joint gives way, in its own frame behind its motion.
+
+    Attributes:
+        joint: Index of the moving joint on the way.
+        axis: Unit vector, across the joint's own axis.
+    """
+
+    joint: int
+    axis: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ModelLayout:
+    """Which joints of a chain's Pinocchio model are what; indices as Pinocchio counts, 0 being the screen.
+
+    Attributes:
+        first: Per moving joint, the one that carries its placement.
+        motion: Per moving joint, the one that is its motion.
+        last: Per moving joint, the one behind which its body follows.
+        bends: Per bend, its joint.
+    """
+
+    first: list[int]
+    motion: list[int]
+    last: list[int]
+    bends: list[int]
+
+
+@dataclass(frozen=True)
 class ChainFrame:
     """A frame that is rigidly joined to a body of the way: a target, or the frame that targets are seen in.
 
@@ -103,12 +133,24 @@ class Chain:
         forward = [step.joint for step in self.moving if step.forward]
         return [branch for branch in (backward, forward) if branch]
 
-    def new_model(self) -> Any:
-        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen."""
-        model = pin.Model()
+    def new_model(self, bends: Sequence[Bend] = ()) -> tuple[Any, ModelLayout]:
+        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen.
+
+        Args:
+            bends: Axes about which joints give way; each becomes a joint of its own on the far side of its joint's motion.
+        """
+        model, first, motion, last, bend = pin.Model(), [], [], [], [0] * len(bends)
         for index, step in enumerate(self.moving):
-            model.addJoint(index, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name)
-        return model
+            own = [number for number, each in enumerate(bends) if each.joint == index]
+            first.append(model.njoints)
+            for number in [None, *own] if step.forward else [*own[::-1], None]:
+                if number is None:
+                    motion.append(model.addJoint(model.njoints - 1, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name))
+                else:
+                    axis = pin.JointModelRevoluteUnaligned(np.array(bends[number].axis))
+                    bend[number] = model.addJoint(model.njoints - 1, axis, pin.SE3.Identity(), f"{step.joint.name}:{number}")
+            last.append(model.njoints - 1)
+        return model, ModelLayout(first, motion, last, bend)
 
 
 def build_chain(tree: UrdfTree, rig: Rig) -> Chain:

@@ -19,6 +19,7 @@ from urdfcal.chain import Chain
 from urdfcal.errors import ShapeMismatch, UsageError, did_you_mean
 from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, product
 from urdfcal.slots import Kind, Slot
+from urdfcal.softness import Softness, Yielding
 from urdfcal.urdf_tree import UrdfJoint
 
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
@@ -44,6 +45,7 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "reference": PriorScale(1.0, 1.0),
     "target": PriorScale(1.0, 1.0),
     "place": PriorScale(1.0, 1.0),
+    "soft": PriorScale(1e-3, 1e-3),
 }
 SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
 INSTRUMENTS = ("reference", "target", "place")  # what moves no beam
@@ -107,6 +109,7 @@ class ErrorModel:
         carried: Parameters that the gauge rule leaves out: name -> what carries them.
         sessions: Session labels; the first one's screen is the URDF's.
         planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
+        soft: How joints give way with the pose, if they do: the parameters of kind `soft`.
         held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
     """
 
@@ -118,6 +121,7 @@ class ErrorModel:
     sessions: tuple[str, ...] = ("",)
     planes: Mapping[str, Matrix] = field(default_factory=dict)
     held_sum: Mapping[str, float] = field(default_factory=dict)
+    soft: Softness | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -173,6 +177,8 @@ class ErrorModel:
         """Walk the way from screen to lasers with every slot at x."""
         walk = _Walk(len(self.parameters), self.slots, self.slot_values(x, session), self._columns[session], session)
         module = walk.along(self._way)
+        for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
+            walk.anchors[column], walk.passed[column] = joint, True
         on_way = walk.passed.copy()
         lasers = [walk.along(way, start=module) for way in self._laser_ways]
         frames, moves = [], np.zeros((len(self._frame_ways), len(self.parameters)), dtype=bool)
@@ -216,6 +222,30 @@ class ErrorModel:
             [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))]
             for way in self.chain.laser_joints
         ]
+
+    def yielding(self, x: Vector, basis: Matrix) -> Yielding | None:
+        """How the joints give way at x, for the basis of every soft term at some poses (n, terms); None if nothing does."""
+        if self.soft is None:
+            return None
+        column = {name: index for index, name in enumerate(self.names)}
+        bends = self.soft.bend_of
+        free = [number for number, term in enumerate(self.soft.terms) if term.name in column]
+        held = [number for number, term in enumerate(self.soft.terms) if term.name not in column and self.held.get(term.name)]
+        order, terms = [*free, *held], self.soft.terms
+        values = [x[column[terms[number].name]] for number in free] + [self.held[terms[number].name] for number in held]
+        return Yielding(
+            columns=np.array([column[terms[number].name] for number in free], dtype=int),
+            joints=tuple(terms[number].joint for number in order),
+            bends=tuple(bends[number] for number in order),
+            basis=basis[:, order],
+            x=np.array(values),
+        )
+
+    @cached_property
+    def _soft_columns(self) -> list[tuple[int, int]]:
+        """Column of x and moving joint of every soft parameter."""
+        terms = self.soft.terms if self.soft is not None else ()
+        return [(self.names.index(term.name), term.joint) for term in terms if term.name in self.names]
 
     @cached_property
     def _frame_ways(self) -> list[list[_Station]]:

@@ -9,7 +9,7 @@ import numpy as np
 from urdfcal.geometry import DEG, MM
 from urdfcal.noise import Linearisation
 
-_SIZES = {"mm": MM, "deg": DEG, "px": 1.0}
+UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def error_table(here: Linearisation, poses: int) -> SpotTable:
     table = {}
     for block in here.blocks:
         measured = here.measured[:poses, block.columns]
-        distance = np.linalg.norm(here.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / _SIZES[block.unit]
+        distance = np.linalg.norm(here.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / UNITS[block.unit]
         if len(distance):
             table[block.name] = SpotErrors(float(distance.mean()), float(distance.std()), float(distance.max()), len(distance), block.unit)
     return table

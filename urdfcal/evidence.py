@@ -6,6 +6,15 @@ the scale of each group of parameters that makes the data most probable satisfie
     scale_g^2 = (sum of dx_i^2 + nu s_g^2) / (gamma_g + nu),   gamma_g = sum of (1 - P_ii / scale_g^2),
     noise^2   = |y - J dx|^2 / (n - gamma)
 
+The scales themselves are known only so well: log s_g has a variance of about 1 / (2 (gamma_g + 1)), gamma_g being how many parameters
+decided it. A sigma that is to hold the truth as often as it says must know of that. So the covariance is taken under scales wider by
+1.65 of those standard deviations (a right-hand 95 % limit), and to it is added what the estimate moves by with the scales,
+
+    P = P(s') + sum over g of 2 / (gamma_g + 1) u_g u_g',    u_g = dx / d log s_g^2 = P (x - x0)_g / s_g^2
+
+(after Kass and Steffey, Approximate Bayesian inference in conditionally independent hierarchical models, 1989; the wide limit because
+few parameters decide a scale, and its distribution leans to the large side).
+
 gamma counts the parameters that the data, not the prior, decide (MacKay, Bayesian interpolation, 1992). A start value s_g enters as
 nu observations, so that a few poses cannot talk a scale to zero. Groups are the joints' translations, their rotations across the
 axis and their zero offsets; mount, screen and beams keep the priors that are stated.
@@ -26,6 +35,7 @@ from urdfcal.noise import Noise
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m] and [rad]: quartiles of real arms lie around them
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
+_WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance
 _ROUNDS, _FIXED_POINT_ROUNDS = 8, 300
 _REST = 1e-3
 
@@ -37,10 +47,12 @@ class Evidence:
     Attributes:
         scales: Prior standard deviation of each group, [m] and [rad].
         noise: Noise that was chosen with them.
+        groups: Group of each parameter, the empty string for none.
     """
 
     scales: dict[str, float]
     noise: Noise
+    groups: tuple[str, ...]
 
 
 def group_of(parameter: Parameter) -> str:
@@ -75,7 +87,24 @@ def by_evidence(
         found = iterated_schedule(linearise, prior, replace(chosen, stated=True), start=found.belief.x)
         if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break
-    return errors, replace(found, noise=chosen), Evidence(scales, chosen)
+    belief = Belief(found.belief.x, with_unsure_scales(errors, groups, found.belief))
+    return errors, replace(found, belief=belief, noise=chosen), Evidence(scales, chosen, tuple(groups))
+
+
+def with_unsure_scales(errors: ErrorModel, groups: Sequence[str], belief: Belief) -> Matrix:
+    """Covariance of the parameters that knows how little is known of the scales, (p, p)."""
+    P, sigma, dx = belief.P, errors.sigma, belief.x - errors.mean
+    wide, moved = sigma.copy(), np.zeros_like(P)
+    for group in START_SCALES:
+        own = np.array([each == group for each in groups])
+        if own.any():
+            decided = float(np.sum(1 - np.diag(P)[own] / sigma[own] ** 2))
+            wide[own] *= np.exp(_WIDE / np.sqrt(2 * (decided + 1)))
+            u = P @ np.where(own, dx / sigma**2, 0.0)
+            moved += 2 / (decided + 1) * np.outer(u, u)
+    information = np.linalg.inv(P) - np.diag(1 / sigma**2) + np.diag(1 / wide**2)
+    whole = np.linalg.inv(information) + moved
+    return np.asarray((whole + whole.T) / 2)
 
 
 def _with_scales(errors: ErrorModel, groups: Sequence[str], scales: dict[str, float]) -> ErrorModel:

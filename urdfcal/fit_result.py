@@ -42,6 +42,7 @@ class FitResult:
         warnings: What the user ought to know.
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
+        test_outliers: Gross outliers among the test poses, left out of their table.
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
     """
 
@@ -61,6 +62,7 @@ class FitResult:
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
+    test_outliers: tuple[Outlier, ...] = ()
 
     @property
     def x(self) -> Vector:

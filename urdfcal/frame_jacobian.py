@@ -12,16 +12,18 @@ every laser.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.chain import Chain
+from urdfcal.chain import Bend, Chain
 from urdfcal.error_model import ErrorModel, Placements
 from urdfcal.errors import ShapeMismatch
 from urdfcal.geometry import SE3, Array3, Array4, Matrix, Vector
+from urdfcal.softness import Yielding
 
 CHUNK = 1024  # poses worked on at once, so that the temporaries stay in the processor's cache
 
@@ -50,9 +52,9 @@ class LaserMotion:
 class ArmKinematics:
     """Pinocchio's forward kinematics of a chain for many poses; holds a model of its own and never the caller's."""
 
-    def __init__(self, chain: Chain) -> None:
-        self.chain = chain
-        self.model = chain.new_model()
+    def __init__(self, chain: Chain, bends: Sequence[Bend] = ()) -> None:
+        self.chain, self.bends = chain, tuple(bends)
+        self.model, self.layout = chain.new_model(self.bends)
         self.data = self.model.createData()
         self.joints = self.model.njoints
 
@@ -77,8 +79,15 @@ class ArmKinematics:
 
     def place(self, placements: list[SE3]) -> None:
         """Put the moving joints where the error model has them."""
-        for joint, placement in enumerate(placements, start=1):
+        for joint, placement in zip(self.layout.first, placements, strict=True):
             self.model.jointPlacements[joint] = placement
+
+    def bodies(self, frames: Array3) -> Array3:
+        """Of the frames of all joints, those that the bodies of the way follow: the screen's, and the last of each moving joint."""
+        if not self.bends:
+            return frames
+        n = frames.shape[1]
+        return np.ascontiguousarray(frames.reshape(3, n, -1, 4)[:, :, [0, *self.layout.last]]).reshape(3, n, -1)
 
     def frames(self, positions: Matrix) -> Array3:
         """Frames of all joints on the screen, (3, n, 4 joints): columns x, y, z, p of the screen, then of each joint."""
@@ -123,25 +132,67 @@ def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, s
     return motion_at(arm, placed, arm.chain_positions(q), joints)
 
 
-def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, joints: bool = False) -> LaserMotion:
-    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given; joint twists on request."""
+def motion_at(
+    arm: ArmKinematics, placed: Placements, positions: Matrix, joints: bool = False, yielding: Yielding | None = None
+) -> LaserMotion:
+    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given; joint twists on request.
+
+    Args:
+        arm: Kinematics of the chain; with bends where joints yield about axes across their own.
+        placed: The chain's constants.
+        positions: Of the moving joints, (n, moving).
+        joints: Also give the twists by the moving joints.
+        yielding: How joints give way at these poses.
+    """
     arm.place(placed.joints)
-    frames = arm.frames(positions)
-    n, lasers, parameters = len(positions), len(placed.lasers), placed.screws.shape[1]
+    every = arm.frames(positions if yielding is None else _given_way(arm, positions, yielding))
+    frames = arm.bodies(every)
+    n, lasers = len(positions), len(placed.lasers)
     beams = (frames[:, :, -4:] @ _beam_columns(placed)).reshape(3, n, 2, lasers)
-    anchors, screws, coupling = placed.anchors, placed.screws, np.empty((0, 0))
-    if joints:
-        anchors = np.concatenate([anchors, np.arange(1, arm.joints)])
-        screws, coupling = np.hstack([screws, arm.axis_screws]), arm.chain.coupling.T
-    twists = _twists(frames, anchors, screws).transpose(1, 0, 2)
+    jac1 = _twists(frames, placed.anchors, placed.screws).transpose(1, 0, 2)
+    axis_twists = np.empty((n, 6, 0))
+    if joints or yielding is not None:
+        axis_twists = _twists(every, np.array(arm.layout.motion), arm.axis_screws).transpose(1, 0, 2)
+    if yielding is not None and placed.screws.shape[1]:
+        jac1[:, :, yielding.columns] = _yielding_twists(arm, every, axis_twists, yielding)
     return LaserMotion(
         source=beams[:, :, 0].transpose(1, 2, 0),
         direction=beams[:, :, 1].transpose(1, 2, 0),
-        jac1=twists[:, :, :parameters],
-        joint_jacobian=twists[:, :, parameters:] @ coupling,
+        jac1=jac1,
+        joint_jacobian=axis_twists @ arm.chain.coupling.T if joints else np.empty((n, 6, 0)),
         frames=_placed_frames(arm.chain, frames, placed.frames),
-        axis_twists=twists[:, :, parameters:],
+        axis_twists=axis_twists if joints else np.empty((n, 6, 0)),
     )
+
+
+def _given_way(arm: ArmKinematics, positions: Matrix, yielding: Yielding) -> Matrix:
+    """Positions of all joints of the arm's model, bends included, (n, joints - 1)."""
+    signs = _signs(arm)
+    every = np.zeros((len(positions), arm.joints - 1))
+    every[:, np.array(arm.layout.motion) - 1] = positions
+    for angle, joint, bend in zip((yielding.basis * yielding.x).T, yielding.joints, yielding.bends, strict=True):
+        own = arm.layout.motion[joint] if bend < 0 else arm.layout.bends[bend]
+        every[:, own - 1] += signs[joint] * angle
+    return every
+
+
+def _yielding_twists(arm: ArmKinematics, every: Array3, axis_twists: Array3, yielding: Yielding) -> Array3:
+    """Twists of all that lies behind a joint, per unit of what it yields by, (n, 6, terms)."""
+    screws = np.zeros((6, len(arm.bends)))
+    for column, bend in enumerate(arm.bends):
+        screws[3:, column] = bend.axis
+    bent = _twists(every, np.array(arm.layout.bends, dtype=int), screws).transpose(1, 0, 2)
+    signs = _signs(arm)
+    free = len(yielding.columns)  # terms that are held come behind those that are estimated
+    columns = [
+        signs[joint] * (axis_twists[:, :, joint] if bend < 0 else bent[:, :, bend])
+        for joint, bend in zip(yielding.joints[:free], yielding.bends[:free], strict=True)
+    ]
+    return np.stack(columns, axis=2) * yielding.basis[:, None, :free] if columns else np.empty((*axis_twists.shape[:2], 0))
+
+
+def _signs(arm: ArmKinematics) -> list[float]:
+    return [1.0 if step.forward else -1.0 for step in arm.chain.moving]
 
 
 def _placed_frames(chain: Chain, frames: Array3, local: list[SE3]) -> Array4:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from urdfcal.errors import MeasurementError, ShapeMismatch, did_you_mean
 from urdfcal.files import write_whole
-from urdfcal.geometry import DEG, MM, Array3, Matrix
+from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.instruments import Instruments
 from urdfcal.reading_columns import (
     ANGLE_WORDS,
@@ -76,6 +76,8 @@ class Measurements:
         readings: What instruments beside lasers read.
         reference: Link that the measuring frame stands on; the empty string for the default.
         lengths: Known distances between sockets.
+        payload: Mass that the arm carried at each pose, (n,), [kg]; None where nothing is said.
+        approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
     """
 
     joints: tuple[str, ...]
@@ -93,6 +95,8 @@ class Measurements:
     readings: tuple[Readings, ...] = ()
     reference: str = ""
     lengths: tuple[KnownLength, ...] = ()
+    payload: Vector | None = None
+    approach: Matrix | None = None
 
     def __post_init__(self) -> None:
         n = len(self.q)
@@ -159,6 +163,7 @@ class Measurements:
         index = np.asarray(rows)
         per_pose = {name: getattr(self, name)[index] for name in ("q", "spots", "sigma", "poses", "sets", "sessions")}
         readings = tuple(each.subset(index) for each in self.readings)
+        per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in ("payload", "approach")}
         return replace(self, **per_pose, readings=readings, lines=None if self.lines is None else self.lines[index], warnings=())
 
     def split(self) -> tuple[Measurements, Measurements]:
@@ -241,6 +246,7 @@ def measurements_csv(data: Measurements, comments: Iterable[str] = ()) -> bytes:
     others = [column for each in data.readings for column in written_columns(each)]
     marks = {"set": data.sets} if (data.sets == "test").any() else {}
     marks |= {"session": data.sessions} if (data.sessions != "").any() else {}
+    marks |= {"payload": np.array([f"{mass:.12g}" for mass in data.payload])} if data.payload is not None else {}
     text = io.StringIO()
     text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
     table = csv.writer(text, lineterminator="\n")
@@ -358,7 +364,7 @@ class _Reader:
         known = {
             "set",
             "session",
-            "pose",
+            "pose", "payload",
             *(column.name for column in self.columns),
             *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid),
         }
@@ -420,7 +426,19 @@ class _Reader:
             warnings=tuple(self.warnings),
             readings=readings,
             reference=self.reference,
+            payload=self.payload_column(lines, columns["payload"]) if "payload" in columns else None,
+            approach=np.sign(np.diff(q, axis=0, prepend=q[:1])),
         )
+
+    def payload_column(self, lines: list[int], cells: list[str]) -> Any:
+        """Masses in kg; an empty cell is none."""
+        kilograms = np.nan_to_num(
+            self.numbers("payload", lines, cells, self.unit("payload", {"kg": 1.0}), "expected a mass in kg, or nothing", empty=True)
+        )
+        if (kilograms < 0).any():
+            row = int(np.argmax(kilograms < 0))
+            raise self.fail(lines[row], "payload", f"'{cells[row]}' is below zero; expected a mass in kg, or nothing")
+        return kilograms
 
     def readings(self, lines: list[int], columns: dict[str, list[str]]) -> Iterator[Readings]:
         """What instruments beside lasers read."""

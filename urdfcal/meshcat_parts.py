@@ -12,8 +12,8 @@ with warnings.catch_warnings():
     from meshcat.servers.zmqserver import VIEWER_ROOT
     from meshcat.visualizer import Visualizer
     from pinocchio.visualize import MeshcatVisualizer
-    from pinocchio.visualize.meshcat_visualizer import Plane
+    from pinocchio.visualize.meshcat_visualizer import Plane, loadMesh
 
 VIEWER_SCRIPT = Path(VIEWER_ROOT) / "main.min.js"
 
-__all__ = ["VIEWER_SCRIPT", "MeshcatVisualizer", "Plane", "Visualizer", "mg", "umsgpack"]
+__all__ = ["VIEWER_SCRIPT", "MeshcatVisualizer", "Plane", "Visualizer", "loadMesh", "mg", "umsgpack"]

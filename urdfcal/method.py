@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from urdfcal.ekf import Belief, Estimate, compress, iterated_schedule, paper_schedule, update
+from urdfcal.error_table import UNITS
 from urdfcal.errors import UsageError
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Linearisation, Noise
-from urdfcal.robust import Outlier, Spots, gate, inside, reweighted, swapped_poses
+from urdfcal.robust import Observations, Outlier, beyond_belief, gate, inside, reweighted, swapped_poses
 from urdfcal.spot_model import SpotModel
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
@@ -76,7 +77,7 @@ class Method:
     def run(self, model: SpotModel, prior: Belief, noise: Noise) -> Estimate:
         """Fit one set of data."""
         if self.estimator == "robust":
-            return reweighted(spots_of(model), prior, noise, start=self.start)
+            return reweighted(observations_of(model), prior, noise, start=self.start)
         if self.estimator == "evolution":
             from urdfcal.evolution import differential_evolution
 
@@ -99,7 +100,7 @@ def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noi
     here, sigma = model.linearise(swept.belief.x), np.sqrt(np.diag(prior.P))
     if not here.usable:
         return swept
-    if not noise.stated:
+    if not noise.all_stated:
         noise = noise.estimated(here, float(max(here.count - len(sigma), 1)))
     return replace(swept, belief=Belief(swept.belief.x, posterior(here, prior, noise)), noise=noise)
 
@@ -128,8 +129,7 @@ class CleanFit:
 def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
     """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
 
-    The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables. Only
-    spots are told apart: where anything else was measured, the first fit stands.
+    The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables.
 
     Args:
         method: How to fit again.
@@ -138,8 +138,6 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
         noise: As stated, or where to start.
         first: Fit of all the data.
     """
-    if not model.data.lasers or model.measured.shape[1] != 2 * len(model.data.lasers):
-        return CleanFit(model, first)
     clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
         return CleanFit(model, clean)
@@ -150,25 +148,57 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
         clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
         return CleanFit(model, clean, swaps)
-    data = replace(model.data, spots=np.where(kept[..., None], model.data.spots, np.nan))
     history = clean.history if clean is first else [*first.history, *clean.history[1:]]
-    return CleanFit(SpotModel(model.errors, data, model.joints), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
+    return CleanFit(_of_kept(model, kept), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
 
 
-def spots_of(model: SpotModel) -> Spots:
-    """The measured spots of a model, of which any may be left out."""
+def without_gross_outliers(model: SpotModel, found: Estimate) -> tuple[SpotModel, tuple[Outlier, ...]]:
+    """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
+
+    A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
+
+    Args:
+        model: Of poses that were not fitted.
+        found: The fit.
+    """
+    if len(found.belief.x) != len(model.errors.names):
+        return model, ()
+    out = beyond_belief(observations_of(model), found)
+    return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
+
+
+def observations_of(model: SpotModel) -> Observations:
+    """What was measured of a model, of which any may be left out; rows of what is known beforehand never are."""
+    seen = np.column_stack([model.measured[:, block.columns].any(axis=1) for block in model.blocks])
+    known = np.zeros((len(model.data.lengths) + bool(model.errors.held_sum), len(model.blocks)), dtype=bool)
+    known[:, 0] = True
+    lasers = len(model.data.lasers)
+    everything = np.vstack([seen, known])
 
     def missed(x: Vector) -> Mask:
-        lengths = model.predict(x)[1]
-        with np.errstate(invalid="ignore"):
-            return np.asarray(model.data.seen & ~((lengths > 0) & np.isfinite(lengths)))
+        lost = np.zeros_like(everything)
+        if lasers:
+            lengths = model.predict(x)[1]
+            with np.errstate(invalid="ignore"):
+                lost[: len(seen), :lasers] = model.data.seen & ~((lengths > 0) & np.isfinite(lengths))
+        return lost
 
-    return Spots(model.linearise, missed, model.data.seen)
+    block_of = np.repeat(np.arange(len(model.blocks)), [block.columns.stop - block.columns.start for block in model.blocks])
+    return Observations(model.linearise, missed, everything, block_of)
+
+
+def _of_kept(model: SpotModel, kept: Mask) -> SpotModel:
+    """The model as if the others, (n, blocks), had not been measured."""
+    data, lasers = model.data, len(model.data.lasers)
+    kept = kept[: len(data)]
+    spots = np.where(kept[:, :lasers, None], data.spots, np.nan)
+    readings = tuple(each.without(~own) for each, own in zip(data.readings, kept[:, lasers:].T, strict=True))
+    return SpotModel(model.errors, replace(data, spots=spots, readings=readings), model.joints)
 
 
 def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
     """A fit without outliers, and which spots are none, (n, lasers); None if none is."""
-    spots = spots_of(model)
+    spots = observations_of(model)
     if method.estimator != "robust":
         return gate(spots, prior, noise, first, begin=method.start, **method.limits())
     if not first.converged:
@@ -188,16 +218,20 @@ def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[O
     return replace(data, spots=spots), tuple(swaps)
 
 
-def _left_out(model: SpotModel, clean: Estimate, kept: Any) -> tuple[Outlier, ...]:
-    data, predicted = model.data, model.predict(clean.belief.x)[0]
-    outliers = []
-    lost = spots_of(model).missed(clean.belief.x)
-    for pose, laser in np.argwhere(data.seen & ~kept).tolist():
-        away = None if lost[pose, laser] else _distance_mm(data, predicted, pose, laser)
-        words = "its beam does not meet the screen in the model; is a joint's reading wrong?"
-        if away is not None:
-            words = f"{away:.3g} mm from where the other spots put it, noise {clean.noise.spot_sigma / MM:.3g} mm"
-        outliers.append(Outlier(data.where(pose), data.lasers[laser], away, words))
+def _left_out(model: SpotModel, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
+    data, observed = model.data, observations_of(model)
+    lost, here, outliers = observed.missed(clean.belief.x), model.linearise(clean.belief.x), []
+    for pose, index in np.argwhere(observed.seen & ~kept).tolist():
+        if pose >= len(data):
+            continue
+        block = model.blocks[index]
+        words, away = "its beam does not meet the screen in the model; is a joint's reading wrong?", None
+        if not lost[pose, index]:
+            size = UNITS[block.unit]
+            away = float(np.linalg.norm(here.residual[pose, block.columns])) / size
+            others = "the other spots" if index < len(data.lasers) else "the other readings"
+            words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
+        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
     return tuple(outliers)
 
 

@@ -13,33 +13,29 @@ import pinocchio as pin
 
 from urdfcal.errors import UsageError
 from urdfcal.frame_jacobian import CHUNK, LaserMotion
-from urdfcal.geometry import Array3, Matrix
+from urdfcal.geometry import DEG, MM, Array3, Matrix
 from urdfcal.measurements import Measurements
-from urdfcal.readings import ReadingKind, Readings
+from urdfcal.readings import Readings
 from urdfcal.sensors import makes_spot, spots_on_screen
-from urdfcal.simulated_setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup
-from urdfcal.simulation import ScreenArea, draw_poses, random_positions
+from urdfcal.simulated_setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup, random_positions
+from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, noise_from
 from urdfcal.touching import Touch, touching, turns_of
 
 
 @dataclass(frozen=True)
-class ReadingNoise:
-    """Standard deviations of a simulation's noise.
+class ReadingNoise(SimulatedNoise):
+    """Noise of a simulation with instruments beside lasers, or instead of them.
 
     Attributes:
-        length: Of a point's coordinates, a distance, and how far a touch is off, [m].
+        length: Of a point's coordinates, of a distance, and how far a touch is off in each direction, [m].
         angle: Of an orientation about each axis, [rad].
-        spot: Of a spot's coordinates, [m].
-        joint: Of a turning joint's reading, [rad].
     """
 
     length: float = 0.0
     angle: float = 0.0
-    spot: float = 0.0
-    joint: float = 0.0
 
     def __post_init__(self) -> None:
-        if not all(0 <= size < np.inf for size in (self.length, self.angle, self.spot, self.joint)):
+        if not (0 <= self.length < np.inf and 0 <= self.angle < np.inf):
             raise UsageError("noise must be finite and not negative")
 
 
@@ -56,7 +52,7 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
         UsageError: poses that touch the places, or put the beams on the screen, are too rare.
     """
     noise, sessions = noise or ReadingNoise(), setup.errors.sessions
-    turns = _turns(setup.sensors)
+    turns = turns_of(setup.sensors)
     own = [len(part) for part in np.array_split(np.arange(poses), len(sessions))]
     parts = [_one_session(setup, session, count, turns, rng, noise) for session, count in zip(sessions, own, strict=True)]
     q, spots = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
@@ -65,7 +61,7 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
     return Measurements(
         joints=setup.robot.chain.input_names,
         lasers=setup.robot.rig.lasers,
-        q=q + rng.normal(0, 1, q.shape) * turning * noise.joint,
+        q=q + noise.draw(rng, noise.joint, q.shape) * turning,
         spots=spots,
         sigma=np.full(spots.shape[:2], np.nan),
         poses=np.array([str(number) for number in range(1, poses + 1)]),
@@ -77,23 +73,23 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
 
 
 def _one_session(
-    setup: SimulatedSetup, session: str, poses: int, turns: list[tuple[str, str, str]], rng: np.random.Generator, noise: ReadingNoise
+    setup: SimulatedSetup, session: str, poses: int, turns: list[Touch], rng: np.random.Generator, noise: ReadingNoise
 ) -> tuple[Matrix, Array3, list[Readings]]:
     """True joint positions, spots and readings of one session."""
     if turns:
-        touched = [turns[pose % len(turns)] for pose in range(poses)]
-        q = _touching(setup, session, touched, rng, noise)
+        touches = [turns[pose % len(turns)] for pose in range(poses)]
+        q = touching(setup, session, touches, noise.draw(rng, noise.length, (poses, 3)), rng)
+    elif setup.robot.rig.lasers:
+        touches, q = [], draw_poses(setup.robot, replace(setup.errors, sessions=("",)), setup.x, poses, rng, area=setup.area)
     else:
-        touched = [("", "", "")] * poses
-        lasers = setup.robot.rig.lasers
-        q = draw_poses(setup.robot, setup.errors, setup.x, poses, rng, area=setup.area) if lasers else _random(setup, poses, rng)
-    parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, poses, CHUNK)]
-    spots = np.concatenate([_spots(motion, setup.area) for motion, _ in parts]) if parts else np.empty((0, len(setup.robot.rig.lasers), 2))
+        touches, q = [], random_positions(setup, poses, rng)
+    parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, max(poses, 1), CHUNK)]
+    spots = np.concatenate([_spots(motion, setup.area) for motion, _ in parts])
     readings = []
     for sensor in setup.sensors:
         p, R = (np.concatenate([seen[sensor.target][part] for _, seen in parts]) for part in (0, 1))
-        readings += [_read(setup, sensor, kind, p, R, touched, rng, noise) for kind in _kinds(sensor)]
-    return q, spots + rng.normal(0, 1, spots.shape) * noise.spot, readings
+        readings += [_read(setup, sensor, kind, p, R, touches, rng, noise) for kind in SENSOR_KINDS[sensor.kind]]
+    return q, spots + noise.draw(rng, noise.spot, spots.shape), readings
 
 
 def _spots(motion: LaserMotion, area: ScreenArea) -> Array3:
@@ -107,23 +103,25 @@ def _spots(motion: LaserMotion, area: ScreenArea) -> Array3:
 def _read(
     setup: SimulatedSetup,
     sensor: SimulatedSensor,
-    kind: ReadingKind,
+    kind: str,
     p: Matrix,
     R: Array3,
-    touched: Sequence[tuple[str, str, str]],
+    touches: Sequence[Touch],
     rng: np.random.Generator,
     noise: ReadingNoise,
 ) -> Readings:
     n, none = len(p), np.full(len(p), "")
     if kind == "orientation":
-        values = quaternions(np.array([pin.exp3(turn) for turn in rng.normal(0, 1, (n, 3)) * noise.angle]).reshape(n, 3, 3) @ R)
+        turns = noise.draw(rng, noise.angle, (n, 3))
+        values = np.array([pin.Quaternion(pin.exp3(turn) @ own).coeffs() for turn, own in zip(turns, R, strict=True)]).reshape(n, 4)
     elif kind == "point":
-        values = p + rng.normal(0, 1, p.shape) * noise.length
+        values = p + noise.draw(rng, noise.length, p.shape)
     elif kind == "distance":
         end = setup.place(f"{sensor.target}:wire")
-        values = np.linalg.norm(p - end, axis=1)[:, None] + rng.normal(0, 1, (n, 1)) * noise.length
+        values = np.linalg.norm(p - end, axis=1)[:, None] + noise.draw(rng, noise.length, (n, 1))
     else:
-        values, none = np.empty((n, 0)), np.array([label if (sensor.kind, sensor.target) == (k, t) else "" for k, t, label in touched])
+        own = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
+        values, none = np.empty((n, 0)), np.array(own, dtype=str)
     return Readings(kind, sensor.target, sensor.link, values, none, np.full(n, np.nan))
 
 
@@ -132,3 +130,11 @@ def _joined(parts: Sequence[Readings]) -> Readings:
     return replace(parts[0], values=values, labels=labels, sigma=np.full(len(labels), np.nan))
 
 
+def reading_noise(spot_mm: float, joint_deg: float, distribution: str, target_mm: float, orientation_deg: float) -> ReadingNoise:
+    """Noise in the units of the command line.
+
+    Raises:
+        UsageError: it is negative, or the distribution is unknown.
+    """
+    spots = noise_from(spot_mm, joint_deg, distribution)
+    return ReadingNoise(spots.spot, spots.joint, spots.distribution, length=target_mm * MM, angle=orientation_deg * DEG)

@@ -71,6 +71,12 @@ class Readings:
         index = np.asarray(rows)
         return replace(self, values=self.values[index], labels=self.labels[index], sigma=self.sigma[index])
 
+    def without(self, poses: npt.NDArray[np.bool_]) -> Readings:
+        """The same as if nothing had been read at some poses, (n,)."""
+        if not poses.any():
+            return self
+        return replace(self, values=np.where(poses[:, None], np.nan, self.values), labels=np.where(poses, "", self.labels))
+
     @cached_property
     def places(self) -> tuple[Place, ...]:
         """What this instrument has in common over poses."""

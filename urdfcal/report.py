@@ -165,6 +165,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
         "prior_scales": None if calibration.evidence is None else dict(calibration.evidence.scales),
         "outliers": [asdict(outlier) for outlier in calibration.outliers],
+        "test_outliers": [asdict(outlier) for outlier in calibration.test_outliers],
         "warnings": list(calibration.warnings),
     }
 
@@ -213,7 +214,9 @@ def _scales(chosen: Evidence) -> str:
 
 def _outliers(calibration: FitResult) -> list[RenderableType]:
     lines = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.outliers]
-    return ["", "Left out or mended as outliers:", *lines] if lines else []
+    tested = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.test_outliers]
+    blocks: list[RenderableType] = ["", "Left out or mended as outliers:", *lines] if lines else []
+    return [*blocks, "", "Left out of the test table as gross outliers:", *tested] if tested else blocks
 
 
 def _undecided(calibration: FitResult) -> list[RenderableType]:

@@ -1,9 +1,10 @@
 """Fits that outliers do not bend: iteratively reweighted least squares, and a gate that takes outliers out and lets them back in.
 
-The weight of a spot with squared Mahalanobis distance d2 (two coordinates) is
+An *observation* is one block of numbers of a pose: a spot (two), a point (three), an orientation (three), a distance (one). The weight
+of one with m numbers and squared Mahalanobis distance d2 is
 
-    Student-t, nu degrees:  (nu + 2) / (nu + d2)
-    Huber, limit k:         min(1, k / sqrt(d2))
+    Student-t, nu degrees:  (nu + m) / (nu + d2)
+    Huber, limit k:         min(1, k sqrt(m / 2) / sqrt(d2))
 
 The scale that d2 is measured in is the robust one of the present residuals, so that it is wide at the start, where honest geometric
 errors are far larger than the noise, and shrinks as they are explained.
@@ -29,7 +30,7 @@ Loss = Literal["student", "huber"]
 _NU = 4.0
 _HUBER = 2.0
 _NO_SAY = 100.0  # [scales] spots farther off than this are left out of a step
-_MEDIAN_OF_CHI2 = 2 * np.log(2.0)  # of two degrees of freedom
+_MEDIANS = {1: 0.454936, 2: 2 * np.log(2.0), 3: 2.365974, 6: 5.348121}  # of chi-squared, by degrees of freedom
 _ROUNDS = 60
 _GATE_ROUNDS = 10
 _CHANCE = 0.01  # probability that a gate takes out any spot of a clean set
@@ -39,12 +40,13 @@ _MOST_OUT = 0.4  # share of outliers beyond which there is no telling which is w
 
 @dataclass(frozen=True)
 class Outlier:
-    """A spot that was left out.
+    """An observation that was left out.
 
     Attributes:
         pose: Label of the pose, with the file's line where there is one.
-        laser: Laser link.
-        distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen.
+        laser: Laser link, or target.
+        distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen,
+            or where it is no length.
         reason: Why it was left out, in words.
     """
 
@@ -55,48 +57,77 @@ class Outlier:
 
 
 def squared_distances(here: Linearisation, noise: Noise, uncertainty: Matrix | None = None) -> Matrix:
-    """Squared Mahalanobis distance of every spot, (n, lasers), chi-squared with two degrees; nan where none was measured.
+    """Squared Mahalanobis distance of every observation, (n, blocks), chi-squared with its numbers' degrees; nan where there is none.
 
     Args:
         here: Residual and Jacobian.
         noise: Of the measurements.
-        uncertainty: Covariance of the parameters, (p, p), for spots that were not fitted: S = R + J P J' in place of R.
+        uncertainty: Covariance of the parameters, (p, p), for what was not fitted: S = R + J P J' in place of R.
     """
     covariance = noise.pose_covariance(here)
     if uncertainty is not None:
         covariance = covariance + here.jacobian @ uncertainty @ here.jacobian.transpose(0, 2, 1)
-    n, numbers = here.residual.shape
-    spots = here.residual.reshape(n, numbers // 2, 2)
-    blocks = np.stack([covariance[:, k : k + 2, k : k + 2] for k in range(0, numbers, 2)], axis=1)
-    d2 = np.einsum("nli,nli->nl", spots, np.linalg.solve(blocks, spots[..., None])[..., 0])
-    return np.where(here.measured[:, ::2], d2, np.nan)
+    columns = []
+    for block in here.blocks:
+        own, S = here.residual[:, block.columns], covariance[:, block.columns, block.columns]
+        columns.append(np.einsum("ni,ni->n", own, np.linalg.solve(S, own[..., None])[..., 0]))
+    return np.where(degrees(here) > 0, np.column_stack(columns), np.nan)
 
 
-def robust_scale(d2: Matrix) -> float:
-    """How many times wider than assumed the bulk of the spots scatters, from the median squared distance."""
-    return float(np.sqrt(np.nanmedian(d2) / _MEDIAN_OF_CHI2))
+def degrees(here: Linearisation) -> Matrix:
+    """How many numbers of every observation were measured, (n, blocks)."""
+    return np.column_stack([np.count_nonzero(here.measured[:, block.columns], axis=1) for block in here.blocks])
+
+
+def robust_scale(d2: Matrix, freedom: Matrix | None = None) -> float:
+    """How many times wider than assumed the bulk scatters, from the median squared distance; two degrees of freedom by default."""
+    usual = _MEDIANS[2] if freedom is None else np.vectorize(_median)(freedom)
+    return float(np.sqrt(np.nanmedian(d2 / usual)))
+
+
+def _median(freedom: int) -> float:
+    """Of chi-squared, by Wilson and Hilferty where it is not tabulated."""
+    return _MEDIANS.get(int(freedom), float(freedom) * (1 - 2 / (9 * max(float(freedom), 1.0))) ** 3) if freedom else np.nan
+
+
+def _scales(here: Linearisation, d2: Matrix) -> Vector:
+    """The robust scale of every kind of noise, (kinds,); 1 for a kind that was not measured."""
+    freedom = degrees(here)
+    scales = np.ones(len(here.counts))
+    for kind in range(len(scales)):
+        own = [index for index, block in enumerate(here.blocks) if block.kind == kind]
+        if np.isfinite(d2[:, own]).any():
+            scales[kind] = robust_scale(d2[:, own], freedom[:, own])
+    return scales
+
+
+def _per_block(here: Linearisation, of_kinds: Vector) -> Vector:
+    """What belongs to kinds of noise, (kinds,), by blocks, (blocks,)."""
+    return np.array([of_kinds[block.kind] for block in here.blocks])
 
 
 @dataclass(frozen=True)
-class Spots:
-    """The measured spots, of which any may be left out.
+class Observations:
+    """Everything that was measured, of which any may be left out.
 
     Attributes:
         linearise: Residual and Jacobian of the whole set at a state.
-        missed: Which of the beams that were seen do not meet the screen at a state, (n, lasers).
-        seen: Which beams were seen, (n, lasers).
+        missed: Which of the beams that were seen do not meet the screen at a state, (n, blocks); never true of anything else.
+        seen: What was measured, (n, blocks).
+        block_of: Which block each number of a pose belongs to, (m,).
     """
 
     linearise: Linearise
     missed: Callable[[Vector], Mask]
     seen: Mask
+    block_of: Any
 
     def at(self, x: Vector, kept: Mask) -> Linearisation:
-        """The set at x as if the spots that are not kept (n, lasers) had not been seen."""
+        """The set at x as if what is not kept (n, blocks) had not been measured."""
         return self._without(self.linearise(x), x, kept)
 
     def reached(self, x: Vector) -> tuple[Linearisation, Mask]:
-        """The set at x without the beams that do not meet the screen there, and which those are not, (n, lasers)."""
+        """The set at x without the beams that do not meet the screen there, and which those are not, (n, blocks)."""
         here = self.linearise(x)
         met = np.ones_like(self.seen) if here.usable else ~self.missed(x)
         return self._without(here, x, met), met
@@ -108,13 +139,13 @@ class Spots:
     def _without(self, here: Linearisation, x: Vector, kept: Mask) -> Linearisation:
         if kept.all():
             return here
-        rows = np.repeat(kept, 2, axis=1)
+        numbers = kept[:, self.block_of]
         left = replace(
             here,
-            residual=np.where(rows, here.residual, 0.0),
-            jacobian=np.where(rows[..., None], here.jacobian, 0.0),
-            joint_jacobian=np.where(rows[..., None], here.joint_jacobian, 0.0),
-            measured=here.measured & rows,
+            residual=np.where(numbers, here.residual, 0.0),
+            jacobian=np.where(numbers[..., None], here.jacobian, 0.0),
+            joint_jacobian=np.where(numbers[..., None], here.joint_jacobian, 0.0),
+            measured=here.measured & numbers,
         )
         return left if here.usable else replace(left, trouble=self._trouble(left, x, kept))
 
@@ -124,7 +155,7 @@ class Spots:
         return "" if np.isfinite(left.residual).all() and np.isfinite(left.jacobian).all() else "not_finite"
 
 
-def reweighted(spots: Spots, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
+def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
     """Maximum a posteriori estimate under Student's or Huber's distribution, by iteratively reweighted steps.
 
     Spot noise that is not stated is the robust scale of the residual.
@@ -145,7 +176,7 @@ def reweighted(spots: Spots, prior: Belief, noise: Noise, *, loss: Loss = "stude
             return replace(estimate, stop=here.trouble or "left_screen", history=history or [Sweep(belief.x, np.nan, here.rms)])
         scaled = _rescaled(noise, here, belief, prior)
         d2, last = squared_distances(here, scaled), heard
-        heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, loss)
+        heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, degrees(here), loss)
         estimate = iterated_schedule(
             lambda state, heard=heard, weights=weights: _weighted(spots.at(state, heard), weights),  # type: ignore[misc]
             prior,
@@ -165,8 +196,8 @@ def reweighted(spots: Spots, prior: Belief, noise: Noise, *, loss: Loss = "stude
 
 def _rescaled(noise: Noise, here: Linearisation, belief: Belief, prior: Belief) -> Noise:
     """Noise at the robust scale of the residuals; never under what is stated."""
-    scale = robust_scale(squared_distances(here, noise))
-    return noise.times(max(scale, 1.0) if noise.stated else scale * _room(here, belief, prior))
+    scales = _scales(here, squared_distances(here, noise))
+    return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(here, belief, prior)))
 
 
 def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
@@ -175,23 +206,25 @@ def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
     return float(np.sqrt(here.count / max(here.count - used, LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
 
 
-def _weights(d2: Matrix, loss: Loss) -> Matrix:
+def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
     safe = np.nan_to_num(d2)
     if loss == "student":
-        return np.asarray((_NU + 2) / (_NU + safe))
-    return np.asarray(np.minimum(1.0, _HUBER / np.sqrt(np.maximum(safe, 1e-12))))
+        return np.asarray((_NU + freedom) / (_NU + safe))
+    return np.asarray(np.minimum(1.0, _HUBER * np.sqrt(freedom / 2 / np.maximum(safe, 1e-12))))
 
 
 def _weighted(here: Linearisation, weights: Matrix) -> Linearisation:
-    """The same set with every spot's rows scaled by the root of its weight."""
-    root = np.repeat(np.sqrt(weights), 2, axis=1)
+    """The same set with every observation's rows scaled by the root of its weight."""
+    root = np.ones_like(here.residual)
+    for column, block in enumerate(here.blocks):
+        root[:, block.columns] = np.sqrt(weights[:, column, None])
     return replace(
         here, residual=here.residual * root, jacobian=here.jacobian * root[..., None], joint_jacobian=here.joint_jacobian * root[..., None]
     )
 
 
 def gate(
-    spots: Spots, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
+    spots: Observations, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
 ) -> tuple[Estimate, Mask | None]:
     """Take out spots that the fit cannot explain, refit, and let back in what then fits.
 
@@ -230,17 +263,17 @@ def gate(
     return estimate, None if kept.all() else kept
 
 
-def inside(spots: Spots, prior: Belief, found: Estimate) -> Mask:
+def inside(spots: Observations, prior: Belief, found: Estimate) -> Mask:
     """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, lasers)."""
     here, met = spots.reached(found.belief.x)
     if spots.too_few(met):
         return met
     d2 = squared_distances(here, found.noise)
-    scale = _rescaled(found.noise, here, found.belief, prior).spot_sigma / found.noise.spot_sigma  # an estimate may hold the outliers
-    return np.asarray(met & ~(d2 > _limit(here) * scale**2))
+    scales = _rescaled(found.noise, here, found.belief, prior).sigma / found.noise.sigma  # an estimate may hold the outliers
+    return np.asarray(met & ~(d2 > _limits(here) * _per_block(here, scales) ** 2))
 
 
-def beyond_belief(spots: Spots, found: Estimate) -> Mask:
+def beyond_belief(spots: Observations, found: Estimate) -> Mask:
     """Which spots of poses that were not fitted are gross outliers, no matter of a calibration that is not good enough, (n, lasers).
 
     Their beam does not meet the screen, or their distance in units of what noise and the parameters' uncertainty explain is far
@@ -250,14 +283,21 @@ def beyond_belief(spots: Spots, found: Estimate) -> Mask:
     if spots.too_few(met):
         return np.zeros_like(met)
     d2 = squared_distances(here, found.noise, found.belief.P)
-    scale = _MARGIN * max(robust_scale(d2), 1.0)
-    out = np.asarray(~met | (d2 > _limit(here) * scale**2))
+    scales = _MARGIN * np.maximum(_scales(here, d2), 1.0)
+    out = np.asarray(~met | (d2 > _limits(here) * _per_block(here, scales) ** 2))
     return np.zeros_like(out) if spots.too_few(~out) else out
 
 
-def _limit(here: Linearisation) -> float:
-    """The squared distance that chance gives no spot of a clean set of this size; chi-squared of two degrees is exponential."""
-    return float(-2 * np.log(_CHANCE / max(here.count // 2, 1)))
+def _limits(here: Linearisation) -> Matrix:
+    """The squared distance that chance gives no observation of a clean set of this size, (n, blocks).
+
+    Chi-squared of two degrees is exponential; to others the same probability is carried over by Wilson and Hilferty's cube root.
+    """
+    freedom = degrees(here)
+    pairs = -2 * np.log(_CHANCE / max(np.count_nonzero(freedom), 1))
+    z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
+    m = np.maximum(freedom, 1)
+    return np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3)
 
 
 def swapped_poses(data: Measurements, spots: Any, inside_mm: float) -> list[tuple[int, int, int]]:

@@ -25,6 +25,7 @@ _LEAST_SHEET = 0.6  # [m]
 _MARGIN = 0.02  # of the sheet's size, around the spots
 FINE = 5  # fine grid squares along one square of the grid
 _MARK, _LEAST_MARK = 0.0095, 0.0055  # radius of a spot's disc over the width of the bulk of the spots, and over the sheet's size
+_FEW = 150  # spots, of more the discs are smaller
 _LONGEST_ARROW = 0.25  # of the sheet, for nine arrows out of ten, where the magnification is ours to choose
 MAGNIFICATIONS = (20.0, 10.0, 5.0, 2.0, 1.0)
 
@@ -122,7 +123,8 @@ class Scene:
         """Radius of a measured spot's disc, [m]: a size that can be seen and leaves room between spots."""
         spots = self.data.spots[self.data.seen]
         width = 2 * float(np.quantile(np.abs(spots - np.median(spots, axis=0)), 0.9)) if len(spots) else self.sheet.size
-        return float(np.clip(_MARK * width, _LEAST_MARK * self.sheet.size, _MARK * self.sheet.size))
+        crowd = float(min(1.0, (_FEW / max(len(spots), 1)) ** 0.35))
+        return crowd * float(np.clip(_MARK * width, _LEAST_MARK * self.sheet.size, _MARK * self.sheet.size))
 
     @cached_property
     def extent(self) -> float:

@@ -154,10 +154,10 @@ def _draw_numbers(node: Any, sheet: Sheet, side: float) -> None:
         for place in places[:: max(1, int(np.ceil(len(places) / 9)))]:
             at = np.array(sheet.low, dtype=float)
             at[axis], at[1 - axis] = place, sheet.low[1 - axis] - (beside if axis == 0 else 1.25 * beside)
-            _write(node[f"number_{name}_{place / MM:.0f}"], f"{place / MM:g}", at, size, side)
+            _write(node[f"number_{name}_{place / MM:.0f}"], f"{round(place / MM, 6) + 0.0:g}", at, size, side)
     middle = (sheet.low[0] + sheet.high[0]) / 2
-    _write(node["title_y"], "y in mm", np.array([middle, sheet.low[1] - 2.7 * beside]), 1.9 * size, side)
-    _write(node["title_z"], "z in mm", np.array([sheet.low[0] - 1.25 * beside, sheet.high[1] + 2.2 * beside]), 1.9 * size, side)
+    _write(node["title_y"], "y in mm", np.array([middle, sheet.low[1] - 2.7 * beside]), 1.5 * size, side)
+    _write(node["title_z"], "z in mm", np.array([sheet.low[0] - 1.25 * beside, sheet.high[1] + 2.2 * beside]), 1.5 * size, side)
 
 
 def _write(node: Any, text: str, at: Vector, size: float, side: float) -> None:

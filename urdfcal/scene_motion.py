@@ -8,7 +8,8 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import MM, SE3, Matrix, Vector, Z
-from urdfcal.key_frames import HELD, Clips, KeyFrames
+from urdfcal.key_frames import HELD, Clips, KeyFrames, Rows
+from urdfcal.measurements import Mask
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
 from urdfcal.scene import Beams, Scene, beams_of, configurations, screen_placements
@@ -24,6 +25,7 @@ from urdfcal.scene_marks import (
     beam_colour,
     disc,
     flat,
+    lifted,
     ring,
     unit_arrow,
     unit_beam,
@@ -102,30 +104,41 @@ def _missing_length(scene: Scene, beams: Beams, laser: int) -> Vector:
 
 def _move_marks(viewer: Any, clips: Clips, scene: Scene, keys: KeyFrames) -> None:
     """Marks of the pose shown; they jump half way between two poses."""
+    times, rows = _jumps(keys)
+    predicted = {"nominal": scene.before, "calibrated": scene.after}
+    for laser in range(len(scene.data.lasers)):
+        marks = {"measured": (scene.data.spots[rows, laser], scene.data.seen[rows, laser])}
+        marks |= {name: (beams.spots[rows, laser], scene.lands(beams)[rows, laser]) for name, beams in predicted.items() if beams}
+        for name, (places, visible) in marks.items():
+            at, still = _flat_places(places, visible), np.tile([0.0, 0.0, 0.0, 1.0], (len(rows), 1))
+            scale = np.where(visible[:, None], 1.0, _HIDDEN) * np.ones(3)
+            _put(viewer, clips, f"screen/pose/{name}_{laser + 1}", times, at, still, scale)
+        _move_arrow(viewer, clips, scene, times, rows, laser)
+
+
+def _move_arrow(viewer: Any, clips: Clips, scene: Scene, times: Vector, rows: Rows, laser: int) -> None:
+    """The magnified error of one laser: an arrow of unit length, turned about the screen's x and scaled."""
+    spots, shown = scene.data.spots[rows, laser], scene.shown
+    both = scene.data.seen[rows, laser] & scene.lands(shown)[rows, laser]
+    error = np.where(both[:, None], scene.magnification * (shown.spots[rows, laser] - spots), 0.0)
+    length, half = np.linalg.norm(error, axis=1), np.arctan2(error[:, 1], error[:, 0]) / 2
+    turns = np.column_stack([np.sin(half), np.zeros((len(rows), 2)), np.cos(half)])  # from y to the error
+    wide = np.minimum(1.0, length / (6 * POSE_SIZE * scene.mark))
+    scale = np.stack([np.ones_like(wide), np.maximum(length, _HIDDEN), np.maximum(wide, _HIDDEN)], -1)  # keeps its distance from the sheet
+    _put(viewer, clips, f"screen/pose/error_{laser + 1}", times, _flat_places(spots, both), turns, scale)
+
+
+def _jumps(keys: KeyFrames) -> tuple[Vector, Rows]:
+    """Times just before and behind every change of pose, and the row of the data that is shown at each."""
     count = len(keys.rows)
     edges = np.arange(1, count) + 0.5
     times = np.concatenate([[0.0], np.stack([edges - 0.01, edges + 0.01], -1).ravel(), [count + HELD]])
-    rows = keys.rows[np.repeat(np.arange(count), 2)]
-    spots, still = scene.data.spots[rows], np.tile([0.0, 0.0, 0.0, 1.0], (len(rows), 1))
-    predicted = {"nominal": scene.before, "calibrated": scene.after}
-    for laser in range(spots.shape[1]):
-        seen = scene.data.seen[rows, laser]
-        marks = {"measured": (spots[:, laser], seen)}
-        marks |= {name: (beams.spots[rows, laser], scene.lands(beams)[rows, laser]) for name, beams in predicted.items() if beams}
-        for name, (places, visible) in marks.items():
-            at = np.column_stack([np.zeros(len(rows)), np.where(visible[:, None], places, 0.0)])
-            scale = np.where(visible[:, None], 1.0, _HIDDEN) * np.ones(3)
-            _put(viewer, clips, f"screen/pose/{name}_{laser + 1}", times, at, still, scale)
-        both = seen & scene.lands(scene.shown)[rows, laser]
-        error = np.where(both[:, None], scene.magnification * (scene.shown.spots[rows, laser] - spots[:, laser]), 0.0)
-        length = np.linalg.norm(error, axis=1)
-        half = np.arctan2(error[:, 1], error[:, 0]) / 2
-        turns = np.column_stack([np.sin(half), np.zeros((len(rows), 2)), np.cos(half)])  # about x, from y to the error
-        wide = np.minimum(1.0, length / (6 * POSE_SIZE * scene.mark))
-        scale = np.maximum(np.stack([wide, length, wide], -1), _HIDDEN)
-        scale[:, 0] = 1.0  # keeps its distance from the sheet
-        at = np.column_stack([np.zeros(len(rows)), np.where(both[:, None], spots[:, laser], 0.0)])
-        _put(viewer, clips, f"screen/pose/error_{laser + 1}", times, at, turns, scale)
+    return times, keys.rows[np.repeat(np.arange(count), 2)]
+
+
+def _flat_places(spots: Matrix, visible: Mask) -> Matrix:
+    """Spots (k, 2) as points of the screen's axes; hidden ones at its origin."""
+    return lifted(np.where(visible[:, None], spots, 0.0), 0.0)
 
 
 def _put(viewer: Any, clips: Clips, path: str, times: Vector, position: Matrix, quaternion: Matrix, scale: Matrix) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,13 +15,13 @@ import pinocchio as pin
 from urdfcal.error_model import INSTRUMENTS, ErrorModel
 from urdfcal.errors import UsageError, no_such
 from urdfcal.frame_jacobian import ArmKinematics, LaserMotion, motion_at
-from urdfcal.geometry import SE3, Array3, Matrix, Vector
-from urdfcal.readings import STORED, ReadingKind, Readings, instruments_of
+from urdfcal.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
+from urdfcal.readings import STORED, Readings, instruments_of
 from urdfcal.robot import Robot
 from urdfcal.simulation import ScreenArea, joint_limits
 from urdfcal.target_model import seen_motion
 
-SENSOR_KINDS: dict[str, tuple[ReadingKind, ...]] = {
+SENSOR_KINDS: dict[str, tuple[str, ...]] = {
     "point": ("point",),
     "pose": ("point", "orientation"),
     "distance": ("distance",),
@@ -80,6 +81,30 @@ class SimulatedSetup:
         """The true numbers of a place that several poses share."""
         return np.array([value for own, value in zip(self.errors.names, self.x, strict=True) if own.rpartition(".")[0] == name])
 
+    def entries(self) -> dict[str, Any]:
+        """Where everything stands, for a file: measuring frames, targets on their links, places in the measuring frame; SI."""
+        links = {sensor.target: sensor.link for sensor in self.sensors}
+        frames: dict[str, Any] = {}
+        for slot in self.errors.slots:
+            for session, placement in slot.found.items() if slot.kind == "reference" else list(slot.found.items())[:1]:
+                name = f"measuring frame {session}".strip() if slot.kind == "reference" else slot.label
+                xyz, rpy = xyz_rpy(placement)
+                frames[name] = {"link": links.get(slot.label, slot.label), "xyz": xyz.tolist(), "rpy": rpy.tolist()}
+        places = {}
+        for place in self.robot.instruments.places:
+            numbers, axes = self.place(place.name).tolist(), self.errors.planes.get(place.name)
+            places[place.name] = {"xyz": numbers} if axes is None else {"normal": axes[:, 0].tolist(), "offset": numbers[2]}
+        return {"frames": frames, "places": places} if places else {"frames": frames}
+
+
+def parse_sensors(words: Sequence[str], robot: Robot, places: int) -> tuple[tuple[SimulatedSensor, ...], bool]:
+    """The sensors that a command line names, and whether the robot's lasers are among them.
+
+    Raises:
+        UsageError: no such kind of sensor, or no such link.
+    """
+    return tuple(parse_sensor(word, robot, places) for word in words if word != "laser"), "laser" in words
+
 
 def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
     """A sensor as the command line has it: `point:tool0`, `socket:tool0:ball`.
@@ -94,7 +119,7 @@ def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
         raise UsageError(f"--sensor {text}: expected laser, or one of {', '.join(f'{known}:LINK' for known in SENSOR_KINDS)}")
     if link not in links:
         raise UsageError(f"--sensor {text}: {no_such('link', link, links)}")
-    return SimulatedSensor(kind, target, link, places if kind in _TOUCHES else 0)
+    return SimulatedSensor(kind, target, link, places if kind in TOUCHES else 0)
 
 
 def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str = "", lasers: bool = False) -> Robot:
@@ -104,9 +129,14 @@ def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str =
         RigError: a link is not there, or not where it can be.
         UsageError: two sensors of one kind read the same target.
     """
-    if len({(kind, sensor.target) for sensor in sensors for kind in SENSOR_KINDS[sensor.kind]}) < _count(sensors):
+    read = [(kind, sensor.target) for sensor in sensors for kind in SENSOR_KINDS[sensor.kind]]
+    if len(set(read)) < len(read):
         raise UsageError("two sensors read the same of one target; tell targets on one link apart by a label, LINK:LABEL")
-    blank = [_blank(sensor, kind, labels) for sensor, labels in zip(sensors, _labels(sensors), strict=True) for kind in _kinds(sensor)]
+    blank = [
+        _blank(sensor, kind, labels)
+        for sensor, labels in zip(sensors, place_labels(sensors), strict=True)
+        for kind in SENSOR_KINDS[sensor.kind]
+    ]
     seen = robot.seen_by(instruments_of(blank, reference), robot.lasers if lasers else ())
     seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
     return seen
@@ -149,15 +179,7 @@ def simulated_setup(
     return _with_places(SimulatedSetup(robot, errors, truth, tuple(sensors), area or ScreenArea()), rng)
 
 
-def _kinds(sensor: SimulatedSensor) -> tuple[ReadingKind, ...]:
-    return SENSOR_KINDS[sensor.kind]
-
-
-def _count(sensors: Sequence[SimulatedSensor]) -> int:
-    return sum(len(_kinds(sensor)) for sensor in sensors)
-
-
-def _labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
+def place_labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
     """Labels of each sensor's places, counted on over those of one kind."""
     counts, labels = dict.fromkeys(SENSOR_KINDS, 0), []
     for sensor in sensors:
@@ -167,10 +189,9 @@ def _labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
     return labels
 
 
-def _blank(sensor: SimulatedSensor, kind: ReadingKind, labels: Sequence[str]) -> Readings:
-    stored = {"point": 3, "orientation": 4, "distance": 1}.get(kind, 0)
+def _blank(sensor: SimulatedSensor, kind: str, labels: Sequence[str]) -> Readings:
     n = len(labels)
-    return Readings(kind, sensor.target, sensor.link, np.full((n, stored), np.nan), np.array(labels, dtype=str), np.full(n, np.nan))
+    return Readings(kind, sensor.target, sensor.link, np.full((n, STORED[kind]), np.nan), np.array(labels, dtype=str), np.full(n, np.nan))
 
 
 def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3:
@@ -182,8 +203,8 @@ def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3
 def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSetup:
     """Sockets and planes where the target is at a random pose, ends of wires beside one."""
     values, planes = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), {}
-    for sensor, labels in zip(setup.sensors, _labels(setup.sensors), strict=True):
-        points = setup.motion(_random(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
+    for sensor, labels in zip(setup.sensors, place_labels(setup.sensors), strict=True):
+        points = setup.motion(random_positions(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
         if sensor.kind == "distance":
             values |= _named(f"{sensor.target}:wire", points[0] + rng.normal(0, _WIRE_FAR, 3))
         for label, point in zip(labels, points, strict=False):
@@ -200,8 +221,7 @@ def _named(place: str, point: Vector) -> dict[str, float]:
     return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
 
 
-def _random(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
+def random_positions(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
+    """Joint positions anywhere within the limits, (count, inputs)."""
     lower, upper = joint_limits(setup.robot)
     return rng.uniform(lower, upper, (count, len(lower)))
-
-

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.error_model import ErrorModel
+from urdfcal.error_model import ErrorModel, Placements
 from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
@@ -23,8 +23,9 @@ class SpotModel:
     def __init__(self, errors: ErrorModel, data: Measurements, joints: bool = False) -> None:
         """Prepare for some poses; `joints` also differentiates by the measured joints, for their noise."""
         self.errors, self.data, self.joints = errors, data, joints
-        self.arm = ArmKinematics(errors.chain)
+        self.arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
         self.positions = self.arm.chain_positions(data.q)
+        self.soft_basis = errors.soft.basis(data.q, data.payload, data.approach) if errors.soft is not None else None
         self.readings = readings_of(errors, data, first=2 * len(data.lasers))
         self.spots = slice(0, 2 * len(data.lasers))
         self.kinds = kinds_of(data)
@@ -41,7 +42,7 @@ class SpotModel:
         spots, lengths = np.empty((n, lasers, 2)), np.empty((n, lasers))
         placed = {session: self.errors.placements(x, session).still() for session in self.errors.sessions}
         for session, rows in self.parts:
-            motion = motion_at(self.arm, placed[session], self.positions[rows])
+            motion = self.motion(x, placed[session], rows)
             spots[rows], lengths[rows] = spots_on_screen(motion.source, motion.direction)
         return spots, lengths
 
@@ -53,7 +54,7 @@ class SpotModel:
         reached, own = True, self.spots
         placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
         for session, rows in self.parts:
-            motion = motion_at(self.arm, placed[session], self.positions[rows], self.joints)
+            motion = self.motion(x, placed[session], rows, self.joints)
             spots, lengths = spots_on_screen(motion.source, motion.direction)
             seen, measured = self.data.seen[rows], self.measured[rows, own]
             reached &= bool((lengths[seen] > 0).all() and np.isfinite(lengths[seen]).all())
@@ -70,6 +71,11 @@ class SpotModel:
         """Every spot and every reading of a pose, with the index of its noise."""
         spots = tuple(Block(laser, slice(2 * index, 2 * index + 2)) for index, laser in enumerate(self.data.lasers))
         return (*spots, *(each.block(self.kinds.index(each.data.kind)) for each in self.readings))
+
+    def motion(self, x: Vector, placed: Placements, rows: Rows, joints: bool = False) -> LaserMotion:
+        """Where everything is at some poses, and how it moves; joints give way as far as the error model has them."""
+        yielding = self.errors.yielding(x, self.soft_basis[rows]) if self.soft_basis is not None else None
+        return motion_at(self.arm, placed, self.positions[rows], joints, yielding)
 
     def unreached(self, x: Vector) -> tuple[int, int] | None:
         """Pose and laser of the first measured beam that does not meet the screen at x."""

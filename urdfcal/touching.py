@@ -11,7 +11,7 @@ from urdfcal.errors import UsageError
 from urdfcal.frame_jacobian import CHUNK
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.measurements import Mask
-from urdfcal.simulated_setup import SimulatedSetup
+from urdfcal.simulated_setup import SimulatedSensor, SimulatedSetup, place_labels, random_positions
 from urdfcal.simulation import joint_limits
 from urdfcal.target_sensors import point_jacobian
 
@@ -20,54 +20,84 @@ _REACHED = 1e-11  # [m] how near a touch must come to its place
 _MOST_DRAWS = 400_000
 
 
-def _touching(
-    setup: SimulatedSetup, session: str, touched: Sequence[tuple[str, str, str]], rng: np.random.Generator, noise: ReadingNoise
-) -> Matrix:
-    """True joint positions at which each pose's target is where it touches, but for the noise.
+@dataclass(frozen=True)
+class Touch:
+    """One place that a target touches.
+
+    Attributes:
+        kind: `plane` or `socket`.
+        target: What touches.
+        label: Of the place.
+    """
+
+    kind: str
+    target: str
+    label: str
+
+
+def turns_of(sensors: Sequence[SimulatedSensor]) -> list[Touch]:
+    """Every touch that some sensors make; a simulation's poses take turns with them."""
+    return [
+        Touch(sensor.kind, sensor.target, label) for sensor, labels in zip(sensors, place_labels(sensors), strict=True) for label in labels
+    ]
+
+
+def touching(setup: SimulatedSetup, session: str, touches: Sequence[Touch], off: Matrix, rng: np.random.Generator) -> Matrix:
+    """True joint positions at which each pose's target is where it touches, or that far off.
+
+    Args:
+        setup: Robot, truth and instruments.
+        session: Whose measuring frame stands.
+        touches: One a pose.
+        off: How far the target is off its place, (poses, 3), [m].
+        rng: Source of randomness.
+
+    Returns:
+        (poses, inputs), [rad] or [m].
 
     Raises:
         UsageError: such positions are too rare.
     """
-    wanted = [_Touch.of(setup, *one, rng.normal(0, 1, 3) * noise.length) for one in touched]
+    wanted = [_goal(setup, touch, apart) for touch, apart in zip(touches, off, strict=True)]
     q, open_, drawn = np.empty((len(wanted), len(setup.robot.chain.inputs))), np.arange(len(wanted)), 0
     while len(open_) and drawn < max(_MOST_DRAWS, 20 * len(wanted)):
         rows = open_[:CHUNK]
         rows = np.resize(rows, max(len(rows), min(CHUNK, 64)))
-        found, there = _newton(setup, session, [wanted[row] for row in rows], _random(setup, len(rows), rng))
+        found, there = _newton(setup, session, [wanted[row] for row in rows], random_positions(setup, len(rows), rng))
         q[rows[there]] = found[there]
         open_, drawn = np.setdiff1d(open_, rows[there]), drawn + len(rows)
     if len(open_):
-        kind, target, label = touched[open_[0]]
+        lost = touches[open_[0]]
         raise UsageError(
-            f"only {len(wanted) - len(open_)} of {len(wanted)} poses within the joints' limits touch what they should; {kind} {label} is "
-            f"out of reach of {target}: choose another --seed or fewer --places"
+            f"only {len(wanted) - len(open_)} of {len(wanted)} poses within the joints' limits touch what they should: "
+            f"{lost.target} does not reach {lost.kind} {lost.label}; try another seed"
         )
     return q
 
 
 @dataclass(frozen=True)
-class _Touch:
+class _Goal:
     """Where a target shall be: across `across`, a projection (3, 3), it must come to `point`."""
 
     target: str
     point: Vector
     across: Matrix
 
-    @staticmethod
-    def of(setup: SimulatedSetup, kind: str, target: str, label: str, off: Vector) -> _Touch:
-        place = setup.place(f"{kind}:{label}")
-        if kind == "socket":
-            return _Touch(target, place + off, np.eye(3))
-        normal = setup.errors.planes[f"plane:{label}"][:, 0]
-        return _Touch(target, normal * (place[2] + off[0]), np.outer(normal, normal))
+
+def _goal(setup: SimulatedSetup, touch: Touch, off: Vector) -> _Goal:
+    place = setup.place(f"{touch.kind}:{touch.label}")
+    if touch.kind == "socket":
+        return _Goal(touch.target, place + off, np.eye(3))
+    normal = setup.errors.planes[f"plane:{touch.label}"][:, 0]
+    return _Goal(touch.target, normal * (place[2] + off[0]), np.outer(normal, normal))
 
 
-def _newton(setup: SimulatedSetup, session: str, wanted: Sequence[_Touch], q: Matrix) -> tuple[Matrix, Mask]:
+def _newton(setup: SimulatedSetup, session: str, wanted: Sequence[_Goal], q: Matrix) -> tuple[Matrix, Mask]:
     """Joint positions after Newton's method, kept within their limits, and whether each is where it should be."""
     lower, upper = joint_limits(setup.robot)
-    targets = list(dict.fromkeys(touch.target for touch in wanted))
-    own, pick = np.array([targets.index(touch.target) for touch in wanted]), np.arange(len(wanted))
-    across, points = np.array([touch.across for touch in wanted]), np.array([touch.point for touch in wanted])
+    targets = list(dict.fromkeys(goal.target for goal in wanted))
+    own, pick = np.array([targets.index(goal.target) for goal in wanted]), np.arange(len(wanted))
+    across, points = np.array([goal.across for goal in wanted]), np.array([goal.point for goal in wanted])
     short = np.full((len(wanted), 3), np.inf)
     for _ in range(_ROUNDS):
         seen = setup.motion(q, session)[1]

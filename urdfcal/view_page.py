@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.geometry import Matrix
+from urdfcal.geometry import SE3, Matrix
 from urdfcal.key_frames import KeyFrames, SetClips, key_frames
-from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer
+from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Scene, configurations, screen_placements
+from urdfcal.scene import Scene, Sheet, configurations, screen_placements
 from urdfcal.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
 from urdfcal.scene_motion import draw_motion, draw_pose_marks
 from urdfcal.view_camera import choose_direction
@@ -23,7 +23,7 @@ from urdfcal.view_legend import panel_html, pose_entries
 from urdfcal.view_recorder import Recorder
 from urdfcal.view_style import SCRIPT, STYLE
 
-_MOST_POINTS = 200  # of the lasers' places that the camera has to hold
+_MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _GHOST_OPACITY = 0.3
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
 _TEMPLATE = """<!DOCTYPE html>
@@ -69,10 +69,11 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         tab[own].set_property("visible", False)
     for light, intensity in _LIGHTS.items():
         tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
-    robot = MeshcatVisualizer(scene.solid.model, None, shapes.model)
+    robot = _Display(scene.solid.model, None, shapes.model)
     robot.initViewer(viewer=tab)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a mesh without its texture is drawn all the same
+        warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
+        warnings.simplefilter("ignore", FutureWarning)
         robot.loadViewerModel("solid")
     robot.display(configurations(scene.solid, keys.q[:1])[0])
     draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
@@ -85,6 +86,18 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
     return recorder
 
 
+class _Display(MeshcatVisualizer):  # type: ignore[misc]
+    """Pinocchio's display, which leaves out a Collada mesh whose texture is missing; here it is drawn without colours."""
+
+    def loadMeshFromFile(self, geometry_object: Any) -> Any:
+        try:
+            return super().loadMeshFromFile(geometry_object)
+        except (UserWarning, OSError, ValueError, SyntaxError):  # SyntaxError: XML that is not well-formed
+            mesh = loadMesh(geometry_object.geometry)
+            mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
+            return mesh
+
+
 def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
 
     names = [shape.name for shape in shapes.model.geometryObjects] if scene.calibrated is not None else []
@@ -92,22 +105,27 @@ def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
 
 
 def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
-    """Where to look from, and what the picture is to hold: the robot in the first pose, all lasers, the sheet and its numbers."""
+    """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet and the lasers in all."""
     whole = configurations(scene.solid, q[None])
-    T_root_screen, sheet = screen_placements(scene.solid, whole)[0], scene.sheet
-
-    def in_root(points: Matrix) -> Matrix:
-        return np.asarray(points @ T_root_screen.rotation.T + T_root_screen.translation)
-
-    (left, low), (right, high) = sheet.low - 0.09 * sheet.size, sheet.high + 0.03 * sheet.size
-    corners = np.array([[0.0, y, z] for y in (left, right) for z in (low, high)])
-    sources = scene.shown.source.reshape(-1, 3)
+    rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
+    placed = screen_placements(scene.solid, configurations(scene.solid, scene.data.q[rows]))
+    corners, sources = _with_numbers(scene.sheet), scene.shown.source
+    seen = [_in_root(T, np.concatenate([corners, sources[row]])) for T, row in zip(placed, rows, strict=True)]
+    points = np.unique(np.round(np.concatenate([shapes.corners(scene.solid, whole[0]), *seen]), 3), axis=0)
     held = scene.data.spots[scene.data.seen] if scene.data.seen.any() else scene.shown.spots[scene.shown.meets]
-    spots = in_root(np.column_stack([np.zeros(len(held)), held]))
-    thinned = sources[:: max(1, len(sources) // _MOST_POINTS)]
-    points = np.concatenate([shapes.corners(scene.solid, whole[0]), in_root(thinned), in_root(corners)])
-    direction = choose_direction(T_root_screen.rotation[:, 0] * scene.side, spots, _skeleton(scene.solid, whole[0]), points)
-    return {"direction": direction.tolist(), "points": np.round(points, 4).tolist()}
+    spots = _in_root(placed[0], np.column_stack([np.zeros(len(held)), held]))
+    direction = choose_direction(placed[0].rotation[:, 0] * scene.side, spots, _skeleton(scene.solid, whole[0]), points)
+    return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _with_numbers(sheet: Sheet) -> Matrix:
+    """The corners of the sheet with the numbers along its edges, (4, 3), in screen axes, [m]."""
+    (left, low), (right, high) = sheet.low - 0.1 * sheet.size, sheet.high + np.array([0.01, 0.09]) * sheet.size
+    return np.array([[0.0, y, z] for y in (left, right) for z in (low, high)])
+
+
+def _in_root(T_root_screen: SE3, points: Matrix) -> Matrix:
+    return np.asarray(points @ T_root_screen.rotation.T + T_root_screen.translation)
 
 
 def _skeleton(robot: Robot, q: Matrix) -> Matrix:

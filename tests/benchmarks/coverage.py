@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from second_witness import DEG, MM, spots_of
+from second_witness import DEG, MM, observations_of
 
 import urdfcal
 from urdfcal.error_model import FLAT, PriorScale
@@ -78,7 +78,7 @@ def spots(x: Array, q: Array) -> Array:
         T = T @ slide(0, a) @ slide(2, d) @ turn(0, alpha) @ turn(2, theta + angle)
     a, d, alpha, theta = MOUNT
     mount = slide(0, a + mx) @ slide(2, d + mz) @ turn(0, alpha) @ turn(2, theta) @ turn(0, rx) @ turn(1, ry) @ turn(2, rz)
-    return spots_of(np.stack([T @ mount @ turn(0, beam) for beam in BEAMS], axis=1))[0]
+    return observations_of(np.stack([T @ mount @ turn(0, beam) for beam in BEAMS], axis=1))[0]
 
 
 def differences(function, at: Array, step: float = 1e-6) -> Array:

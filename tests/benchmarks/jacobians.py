@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from second_witness import UrdfWay, spots_of
+from second_witness import UrdfWay, observations_of
 
 import urdfcal
 from urdfcal.error_model import ErrorModel
@@ -62,7 +62,7 @@ class Witness:
 
     def spots(self, x: Array) -> Array:
         """(n, lasers, 2)."""
-        return spots_of(self.poses(x)[:, 1:])[0]
+        return observations_of(self.poses(x)[:, 1:])[0]
 
     def spatial_twists(self, x: Array, direction: Array) -> Array:
         """Twist [v, w] of the module against the screen, in screen axes at the screen's origin, for a motion of x, (n, 6)."""
@@ -101,7 +101,7 @@ def draw(robot: urdfcal.Robot, errors: ErrorModel, x: Array, count: int, rng: np
     """Those of `count` random poses whose beams, with errors x, meet the screen steeply enough and not too far away."""
     q = rng.uniform(*joint_limits(robot), (count, len(robot.chain.inputs)))
     lasers = Witness(robot, errors, q).poses(x)[:, 1:]
-    lengths = spots_of(lasers)[1]
+    lengths = observations_of(lasers)[1]
     good = (lengths > 0) & (lengths < LONGEST) & (np.abs(lasers[..., 0, 2]) > LEAST_ZX)
     return q[good.all(axis=1)]
 

@@ -143,7 +143,8 @@ def main() -> None:
             tally = tried(robot, variants, arguments, times)
             counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
             print(f"{name:7s}{kind:22s}{tally.total():5d} tried: {counts}", flush=True)
-        print(f"{name:7s}seconds for a mistaken set: {np.median(times):.2f}, at most {max(times):.2f}")
+        if times:
+            print(f"{name:7s}seconds for a mistaken set: {np.median(times):.2f}, at most {max(times):.2f}")
         false = alarms(robot, arguments)
         print(f"{name:7s}healthy sets: {arguments.healthy}, alarms: {len(false)} {' | '.join(false[:3])}", flush=True)
 

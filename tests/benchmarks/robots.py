@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
-from second_witness import DEG, MM, link_poses, moved_urdf, random_delta, spots_of, transform
+from second_witness import DEG, MM, link_poses, moved_urdf, random_delta, observations_of, transform
 
 import urdfcal
 from urdfcal.simulation import draw_poses, random_truth
@@ -50,7 +50,7 @@ def look(robot: urdfcal.Robot, text: bytes, q: Array) -> Views:
     """Ask yourdfpy where module and spots are."""
     links = [robot.rig.module, *robot.rig.lasers]
     poses = link_poses(text, robot.chain.input_names, q, robot.rig.screen, links)
-    spots, lengths = spots_of(poses[:, 1:])
+    spots, lengths = observations_of(poses[:, 1:])
     return Views(poses[:, 0], spots, lengths, np.abs(poses[:, 1:, 0, 2]))
 
 

@@ -1,6 +1,6 @@
 """Kinematics that share no code with urdfcal: the studies beside this file hold its answers against these.
 
-`moved_urdf` writes a URDF whose joint origins are wrong, yourdfpy says where its links then stand, `spots_of` meets its beams with
+`moved_urdf` writes a URDF whose joint origins are wrong, yourdfpy says where its links then stand, `observations_of` meets its beams with
 the screen. `UrdfWay` is forward kinematics in plain numpy for many poses at once, where yourdfpy would take too long.
 Transforms are 4 x 4 matrices; `T_a_b` takes coordinates in b to coordinates in a.
 """
@@ -63,7 +63,7 @@ def link_poses(text: bytes, joints: Sequence[str], q: Array, screen: str, links:
     return poses
 
 
-def spots_of(T_screen_laser: Array) -> tuple[Array, Array]:
+def observations_of(T_screen_laser: Array) -> tuple[Array, Array]:
     """(y, z) where each beam, +z of its laser, meets the plane x = 0; and how far it went, negative if it points away."""
     source, direction = T_screen_laser[..., :3, 3], T_screen_laser[..., :3, 2]
     length = -source[..., 0] / direction[..., 0]

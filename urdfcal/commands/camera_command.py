@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,9 +27,7 @@ def camera(
     output: Annotated[Path, typer.Option("-o", "--output", metavar="CAMERA.yaml", help="Where to write.", show_default=False)],
     images: Annotated[
         list[str] | None,
-        typer.Argument(
-            metavar="[IMAGES]...", help="Views of a board: files, folders or quoted patterns ('views/*.png').", show_default=False
-        ),
+        typer.Argument(metavar="IMAGES", help="Views of a board: files, folders or quoted patterns ('views/*.png').", show_default=False),
     ] = None,
     board: Annotated[
         str | None,
@@ -108,7 +107,9 @@ def camera(
 
 
 def markers(
-    screen: Annotated[Path, typer.Argument(metavar="SCREEN.yaml", help="Which ArUco marker sits where, in mm.", show_default=False)],
+    screen: Annotated[
+        Path, typer.Argument(metavar="SCREEN", help="A screen.yaml: which ArUco marker sits where, in mm.", show_default=False)
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="SHEET", help="A .pdf, .svg or .png file.", show_default=False)],
     paper: Annotated[
         str,
@@ -297,10 +298,15 @@ def _origin(text: str) -> tuple[float, float]:
 def _provenance(fit: LensFit | None, screen: Path | None) -> dict[str, Any]:
     from urdfcal import __version__
 
-    entry: dict[str, Any] = {"urdfcal": __version__, "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])}
+    entry: dict[str, Any] = {"urdfcal": __version__, "command": _readable(shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]))}
     if fit is not None:
-        entry["views"] = {view.name: round(float(rms), 4) for view, rms in zip(fit.views, fit.view_rms, strict=True)}
-        entry["left_out"] = {name: round(rms, 4) for name, rms in fit.dropped}
+        entry["views"] = {_readable(view.name): round(float(rms), 4) for view, rms in zip(fit.views, fit.view_rms, strict=True)}
+        entry["left_out"] = {_readable(name): round(rms, 4) for name, rms in fit.dropped}
     if screen is not None:
-        entry["screen_picture"] = screen.name
+        entry["screen_picture"] = _readable(screen.name)
     return entry
+
+
+def _readable(text: str) -> str:
+    """A path as text, also where its bytes are no UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode()

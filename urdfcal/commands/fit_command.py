@@ -144,7 +144,6 @@ def fit(
     rig_file = rig_file_of(rig)
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
-    plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     record = plan.main.parent / f"{plan.stem}_calibration.yaml"
     if report is not None:
         require_report_ending(report)
@@ -152,6 +151,7 @@ def fit(
     require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from))
     unmeasured = arm
     arm, data = measured(unmeasured, measurements, rig_file, reference, target)
+    plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, np.random.default_rng(seed))
@@ -199,7 +199,8 @@ def fit(
     if report is not None:
         files[report] = report_bytes(report, calibration, sys.argv)
     write_together(files)
-    machine = calibration_json(calibration) | extra.machine() if as_json else None
+    written = {"files": {name: str(place) for name, place in {**plan.places, "calibration": record}.items()}}
+    machine = calibration_json(calibration) | extra.machine() | written if as_json else None
     show(machine, [*calibration_blocks(calibration), *extra.blocks()])
     say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in plan.places else ""), sys.stdout)
     if calibration.rejection:

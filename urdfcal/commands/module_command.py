@@ -19,13 +19,17 @@ if TYPE_CHECKING:
 def module(
     bench: Annotated[
         Path,
-        typer.Argument(metavar="BENCH", help="CSV: distance, <laser>.x, <laser>.y in module axes (z toward the plane).", show_default=False),
+        typer.Argument(
+            metavar="BENCH", help="CSV: distance, <laser>.x, <laser>.y in module axes (z toward the plane).", show_default=False
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="YAML", help="Rig file with the beams' priors.", show_default=False)],
     robot: Annotated[
         Path | None,
         typer.Option(
-            metavar="ROBOT", help="The priors are relative to this URDF's beams. Default: to a URDF that holds the bench's angles.", show_default=False
+            metavar="ROBOT",
+            help="The priors are relative to this URDF's beams. Default: to a URDF that holds the bench's angles.",
+            show_default=False,
         ),
     ] = None,
     squareness_deg: Annotated[float, typer.Option(help="Sigma of each of the bench plane's two tilts in deg.")] = 0.2,
@@ -72,6 +76,8 @@ def module(
         }
         if as_json
         else None,
-        "\n".join([*described(result), *xacro_arguments(result), f"wrote {output}: priors relative to {relative}, for fit --rig {output.name}"]),
+        "\n".join(
+            [*described(result), *xacro_arguments(result), f"wrote {output}: priors relative to {relative}, for fit --rig {output.name}"]
+        ),
         quiet,
     )

@@ -26,10 +26,14 @@ def render(
         Path, typer.Argument(metavar="POSES", help="CSV of joint columns; spots in it are shown, else the robot's own.", show_default=False)
     ],
     camera: Annotated[Path, typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera.", show_default=False)],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures and truth.csv.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures and truth.csv.", show_default=False)
+    ],
     calibrated: Annotated[
         Path | None,
-        typer.Option(metavar="YAML", help="Show the spots of the robot with this calibration, or truth of a simulation.", show_default=False),
+        typer.Option(
+            metavar="YAML", help="Show the spots of the robot with this calibration, or truth of a simulation.", show_default=False
+        ),
     ] = None,
     markers: Annotated[Path | None, typer.Option(metavar="YAML", help="screen.yaml: markers on the screen.", show_default=False)] = None,
     colours: Annotated[str, typer.Option(metavar="RED,RED", help="Each laser's colour: red, green or blue; one word for all.")] = "red",
@@ -43,7 +47,9 @@ def render(
     frames: Annotated[int, typer.Option(min=1, max=100, help="Pictures a pose, named <pose>_<n>.")] = 1,
     tone: Annotated[bool, typer.Option("--tone", help="Apply the sRGB curve, as in pictures for people.")] = False,
     mosaic: Annotated[bool, typer.Option("--mosaic", help="One colour a pixel, the rest interpolated, as in most cameras.")] = False,
-    dark: Annotated[Path | None, typer.Option(metavar="FILE", help="Also write a picture with the lasers off (.png).", show_default=False)] = None,
+    dark: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write a picture with the lasers off (.png).", show_default=False)
+    ] = None,
     screen_size_m: Annotated[float, typer.Option(help="Side of the drawn screen in m.")] = 3.0,
     seed: Seed = 0,
     screen: Screen = None,

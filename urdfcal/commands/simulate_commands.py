@@ -10,10 +10,10 @@ import typer
 
 from urdfcal.commands.console import ProgressBar, finish, say, show
 from urdfcal.commands.inputs import about, arm7_file, load, positive, require_places
-from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
 
 if TYPE_CHECKING:
-    pass
+    from urdfcal.simulated_setup import SimulatedSetup
 
 
 def simulate(
@@ -38,6 +38,24 @@ def simulate(
         ),
     ] = "2mm,0.2deg",
     screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND:LINK",
+            help="What measures: laser (the robot's lasers), or point, pose, distance, plane or socket of a target on LINK, several on one "
+            "link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
+            show_default=False,
+        ),
+    ] = None,
+    target_noise_mm: Annotated[
+        float, typer.Option(help="Noise in mm of a point's coordinate and of a distance, and how far a touch is off.")
+    ] = 0.1,
+    orientation_noise_deg: Annotated[float, typer.Option(help="Noise of an orientation about each axis in deg.")] = 0.02,
+    places: Annotated[int, typer.Option(min=1, help="How many planes, and how many sockets, a target touches in turn.")] = 4,
+    reference: Reference = None,
+    reference_known: Annotated[
+        bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
+    ] = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -53,39 +71,84 @@ def simulate(
 
     from urdfcal.calibration_file import truth_yaml
     from urdfcal.corrections import OriginCorrection
+    from urdfcal.error_model import INSTRUMENTS
     from urdfcal.files import write_together
     from urdfcal.measurements import measurements_csv
-    from urdfcal.simulation import ScreenArea, draw_poses, noise_from
+    from urdfcal.reading_simulation import reading_noise, simulate_readings
+    from urdfcal.simulated_setup import parse_sensors, seen_with, simulated_setup
+    from urdfcal.simulation import ScreenArea, draw_poses
     from urdfcal.simulation import simulate as run_simulate
     from urdfcal.truth import truth_of
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
-    say(verbose, about(arm))
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     require_places(output, truth_file, inputs=(robot,))
     rng = np.random.default_rng(seed)
+    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
+    area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
+    sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
+    if sensors:
+        arm = seen_with(arm, sensors, reference or "", lasers)
+    say(verbose, about(arm))
     model, x = truth_of(arm, errors, rng)
-    simulated = noise_from(spot_noise_mm, joint_noise_deg, noise)
-    q = draw_poses(arm, model, x, poses + test_poses, rng, area=ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0))
-    data = run_simulate(arm, model, x, q, rng, simulated)
+    if sensors:
+        setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, area=area)
+        model, x = setup.errors, setup.x
+        data = simulate_readings(setup, poses + test_poses, rng, simulated)
+    else:
+        data = run_simulate(arm, model, x, draw_poses(arm, model, x, poses + test_poses, rng, area=area), rng, simulated)
     data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
     joints = arm.tree.joints
     corrections = {
         name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
     }
-    stated = {"distribution": noise, "spot_mm": spot_noise_mm, "joint_deg": joint_noise_deg, "seed": seed}
+    sizes = {"spot_mm": spot_noise_mm} if lasers else {}
+    sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
+    stated = {"distribution": noise, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
     comments = [
         f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
-        f"seed {seed}, {noise} noise: spots {spot_noise_mm:g} mm, joints {joint_noise_deg:g} deg; errors: {Path(errors).name}",
-        "joints in rad (m where they slide), spots (y, z) on the screen in m",
+        f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}",
+        "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
+        *(_advice(setup, reference_known) if setup else ()),
     ]
-    truth = truth_yaml(arm, corrections, dict(zip(model.names, x, strict=True)), sys.argv, stated)
+    values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in INSTRUMENTS}
+    truth = truth_yaml(arm, corrections, values, sys.argv, stated)
+    if setup:
+        import yaml
+
+        truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
     write_together({truth_file: truth, output: measurements_csv(data, comments)})
     finish(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
         f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
         quiet,
     )
+
+
+def _in_words(sizes: dict[str, float]) -> str:
+    """`spot 1 mm, joint 0 deg`."""
+    return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
+
+
+def _advice(setup: SimulatedSetup, reference_known: bool) -> list[str]:
+    """What a fit has to be told beyond the file: the reference link, and a length where only touches were made."""
+    from itertools import pairwise
+
+    import numpy as np
+
+    instruments, lines = setup.robot.rig.instruments, []
+    if instruments.placed:
+        known = " --reference-known" if reference_known else ""
+        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}")
+    sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
+    apart = {
+        f"{one.removeprefix('socket:')} - {other.removeprefix('socket:')}": float(np.linalg.norm(setup.place(one) - setup.place(other)))
+        for one, other in pairwise(sockets)
+    }
+    if apart:
+        lengths = ", ".join(f"'{pair}': {length * 1e3:.3f}" for pair, length in apart.items())
+        lines.append(f"true distances, for a rig.yaml: sockets: {{distances_mm: {{{lengths}}}}}")
+    return lines
 
 
 def paper(

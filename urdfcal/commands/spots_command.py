@@ -26,7 +26,8 @@ def spots(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", metavar="CSV", help="Measurements.", show_default=False)],
     camera: Annotated[
-        Path | None, typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera: spots in m on the screen.", show_default=False)
+        Path | None,
+        typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera: spots in m on the screen.", show_default=False),
     ] = None,
     pixels: Annotated[bool, typer.Option("--pixels", help="Also write <laser>.u .v .sigma_px, as the picture has them.")] = False,
     poses: Annotated[
@@ -34,11 +35,13 @@ def spots(
         typer.Option(metavar="CSV", help="Joint columns; rows found by the column image or pose, else by order.", show_default=False),
     ] = None,
     robot: Annotated[
-        Path | None, typer.Option(metavar="ROBOT", help="URDF or xacro: laser names; with --poses it tells which spot is whose.", show_default=False)
+        Path | None,
+        typer.Option(metavar="ROBOT", help="URDF or xacro: laser names; with --poses it tells which spot is whose.", show_default=False),
     ] = None,
     lasers: Annotated[int, typer.Option(min=1, max=9, help="How many lasers there are, without --robot.")] = 2,
     colours: Annotated[
-        str | None, typer.Option(metavar="RED,GREEN", help="Each laser's colour: red, green or blue. Default: found out.", show_default=False)
+        str | None,
+        typer.Option(metavar="RED,GREEN", help="Each laser's colour: red, green or blue. Default: found out.", show_default=False),
     ] = None,
     order: Annotated[
         str, typer.Option(help="Which laser is the first where nothing else says so, seen from the front: left-right or right-left.")
@@ -51,7 +54,8 @@ def spots(
     ] = "auto",
     largest_px: Annotated[float, typer.Option(help="Greatest standard width of a spot in px.")] = 15.0,
     screen_size_m: Annotated[
-        float | None, typer.Option(help="Side in m of the square around the screen's origin that spots lie in. Default: any.", show_default=False)
+        float | None,
+        typer.Option(help="Side in m of the square around the screen's origin that spots lie in. Default: any.", show_default=False),
     ] = None,
     still: Annotated[bool, typer.Option(help="Leave out what shines from one place in half of the poses (a lamp).")] = True,
     debug: Annotated[
@@ -113,7 +117,9 @@ def spots(
         pixels=pixels,
         table=table,
         rows=rows,
-        comments=["laser spots found in pictures by urdfcal spots; y, z, sigma in m on the screen; u, v in px, (0, 0) the first pixel's centre"],
+        comments=[
+            "laser spots found in pictures by urdfcal spots; y, z, sigma in m on the screen; u, v in px, (0, 0) the first pixel's centre"
+        ],
     )
     written: dict[str | Path, bytes] = {output: content}
     if debug is not None:
@@ -122,7 +128,10 @@ def spots(
     write_together(written)
     warn([*([by_order] if by_order else []), *found.warnings], quiet)
     counts = {name: sum(name in seen for seen in found.labelled.spots) for name in names}
-    say(verbose, f"{len(files)} pictures of {len(groups)} poses; labelled by {'the nominal robot' if predicted is not None else 'colour or order'}")
+    say(
+        verbose,
+        f"{len(files)} pictures of {len(groups)} poses; labelled by {'the nominal robot' if predicted is not None else 'colour or order'}",
+    )
     finish(
         {"measurements": str(output), "poses": len(groups), "pictures": len(files), "spots": counts, "warnings": found.warnings}
         if as_json

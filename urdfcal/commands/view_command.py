@@ -23,7 +23,7 @@ def view(
     measurements: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[MEASUREMENTS]",
+            metavar="MEASUREMENTS",
             help="CSV: a column a joint, <laser>.y and <laser>.z. Without it one pose is shown.",
             show_default=False,
         ),

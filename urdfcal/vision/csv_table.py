@@ -139,6 +139,8 @@ def _rows(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     separator = max(";\t,", key=kept[0][1].count) if kept else ","
     try:
-        return [(n, [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]) for n, line in kept], separator
+        return [
+            (n, [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]) for n, line in kept
+        ], separator
     except csv.Error as error:
         raise MeasurementError(f"cannot be split into cells: {error}", path) from None

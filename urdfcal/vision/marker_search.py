@@ -1,7 +1,7 @@
 """ArUco markers in a picture, their corners to a fraction of a pixel.
 
-OpenCV finds the markers; a corner is then where the two straight edges meet that run through it, each fitted to the places of
-steepest brightness along it. An edge of ten or more such places is known far better than a corner, which any blur rounds off.
+OpenCV finds the markers; a corner is then where the two straight edges meet that run through it. An edge is fitted to the mean
+place of the rise from black to white along it, which neither blur nor the pixels' size shifts; a corner itself any blur rounds off.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from urdfcal.vision.screen_markers import ScreenMarkers, aruco_dictionary
 _MARGIN = 0.12  # of an edge, left out at either end
 _REACH = 0.4  # of a cell, to either side of an edge
 _LEAST_EDGE_PX = 12.0
+_LEAST_CONTRAST = 10.0  # of 255
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ def _by_edges(picture: Grey, quad: Matrix, cells: int) -> Matrix:
 
 
 def _edge(picture: Grey, start: Vector, end: Vector, cells: int) -> Vector | None:
-    """The line (a, b, c), a u + b v + c = 0, of the steepest brightness between two corners; None where there is none."""
+    """The line (a, b, c), a u + b v + c = 0, of the rise from black to white between two corners; None where there is none."""
     length = float(np.linalg.norm(end - start))
     if length < _LEAST_EDGE_PX:
         return None
@@ -77,14 +78,13 @@ def _edge(picture: Grey, start: Vector, end: Vector, cells: int) -> Vector | Non
     offsets = np.arange(-reach, reach + 1e-9, 0.25)
     samples = (places[:, None] + offsets[:, None] * outward).astype(np.float32)
     levels = cv2.remap(picture.astype(np.float32), samples[..., 0], samples[..., 1], cv2.INTER_LINEAR)
-    steps = np.clip(np.diff(np.asarray(levels, dtype=float), axis=1), 0, None)  # black inside, light outside
-    middle = (offsets[1:] + offsets[:-1]) / 2
-    weight = steps**2
-    total = weight.sum(axis=1)
-    good = total > 0.25 * np.median(total)
-    if good.sum() < 6 or np.median(total) == 0:
+    steps = np.diff(np.asarray(levels, dtype=float), axis=1)  # black inside, light outside
+    total = steps.sum(axis=1)
+    usual = float(np.median(total))
+    good = (total > 0.5 * usual) & (total < 1.5 * usual)
+    if usual < _LEAST_CONTRAST or good.sum() < 6:
         return None
-    across = (weight @ middle)[good] / total[good]
+    across = (steps @ (offsets[1:] + offsets[:-1]))[good] / 2 / total[good]
     position = ((places - start) @ along)[good]
     keep = np.ones(len(across), dtype=bool)
     for _ in range(3):

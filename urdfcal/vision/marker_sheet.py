@@ -27,7 +27,7 @@ ENDINGS = (".pdf", ".svg", ".png")
 _MARGIN_MM = 8.0  # that printers leave blank
 _NOTES_MM = 24.0  # below and above a marker, for words and the scale bar
 _MARK_MM = 5.0
-_MOST_PIXELS = 2e8
+_MOST_PIXELS = 1e8
 _INCH_MM = 25.4
 _GREY = "0.45"
 

@@ -191,7 +191,9 @@ def _solved(readings: BenchReadings, x: Vector, squareness: float, noise: float)
 def _jacobian(x: Vector, distance: Vector, step: float = 1e-6) -> Matrix:
     """Central differences; the state has a dozen numbers and the readings are smooth."""
     shifts = np.eye(len(x)) * step
-    return np.stack([(predicted_readings(x + d, distance) - predicted_readings(x - d, distance)).ravel() / (2 * step) for d in shifts], axis=1)
+    return np.stack(
+        [(predicted_readings(x + d, distance) - predicted_readings(x - d, distance)).ravel() / (2 * step) for d in shifts], axis=1
+    )
 
 
 def _apex(states: Matrix) -> Vector | None:

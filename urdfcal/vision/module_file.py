@@ -87,7 +87,8 @@ def module_yaml(result: BenchResult, squareness: float, robot: Robot | None = No
         "parameters:",
     ]
     lines += [
-        f"  {name}: {{value_deg: {value / DEG:.8g}, sigma_deg: {sigma / DEG:.4g}}}" for name, (value, sigma) in beam_priors(result, robot).items()
+        f"  {name}: {{value_deg: {value / DEG:.8g}, sigma_deg: {sigma / DEG:.4g}}}"
+        for name, (value, sigma) in beam_priors(result, robot).items()
     ]
     return ("\n".join(lines) + "\n").encode()
 
@@ -95,8 +96,7 @@ def module_yaml(result: BenchResult, squareness: float, robot: Robot | None = No
 def xacro_arguments(result: BenchResult) -> list[str]:
     """What the macro `slm` takes, two arguments a laser."""
     return [
-        f'{laser}_rot_x="{a / DEG:.6f}" {laser}_rot_y="{b / DEG:.6f}"'
-        for laser, (a, b) in zip(result.lasers, result.angles, strict=True)
+        f'{laser}_rot_x="{a / DEG:.6f}" {laser}_rot_y="{b / DEG:.6f}"' for laser, (a, b) in zip(result.lasers, result.angles, strict=True)
     ]
 
 

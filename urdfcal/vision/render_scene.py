@@ -10,13 +10,16 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.screen_markers import ScreenMarkers
 
 TINTS = {"red": (1.0, 0.10, 0.07), "green": (0.16, 1.0, 0.22), "blue": (0.06, 0.18, 1.0)}
+Light = npt.NDArray[np.float32]
 _WALL, _INK = 0.3, 0.06  # light of what is beside the screen and of black ink, of the screen's
+_GLOW = 12  # radii of the glow that are drawn
 _FINE = 5  # samples along a side of a pixel
 
 
@@ -60,7 +63,7 @@ class Beam:
     blur_px: float = 0.7
 
 
-def backdrop(camera: Camera, lighting: Lighting, markers: ScreenMarkers | None = None) -> Array3:
+def backdrop(camera: Camera, lighting: Lighting, markers: ScreenMarkers | None = None) -> Light:
     """The screen without lasers, (h, w, 3)."""
     width, height = camera.size
     columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
@@ -74,7 +77,7 @@ def backdrop(camera: Camera, lighting: Lighting, markers: ScreenMarkers | None =
         for marker in markers.centres:
             _print_marker(light, camera, markers, marker)
     corner = np.hypot(columns - width / 2, rows - height / 2) / np.hypot(width / 2, height / 2)
-    return np.repeat((light * (1 - lighting.vignetting * corner**2))[..., None], 3, axis=2)
+    return np.repeat((light * (1 - lighting.vignetting * corner**2)).astype(np.float32)[..., None], 3, axis=2)
 
 
 def _print_marker(light: Matrix, camera: Camera, markers: ScreenMarkers, marker: int) -> None:
@@ -112,23 +115,35 @@ def spot_light(camera: Camera, spot: Vector, direction: Vector, beam: Beam) -> t
     if not np.isfinite(centre).all():
         return None
     metres = float(np.sqrt(abs(np.linalg.det(camera.spot_jacobian(centre[None])[0]))))
-    reach = 7 * beam.width / metres / max(abs(direction[0]), 0.2) + 6 * beam.blur_px + (12 * beam.halo_px if beam.halo else 0) + 3
-    box = _box(centre - reach, centre + reach, camera.size)
+    core = 5.5 * beam.width / metres / max(abs(direction[0]), 0.2) + 5 * beam.blur_px + 2
+    box = _box(centre - core - beam.halo_px * _GLOW, centre + core + beam.halo_px * _GLOW, camera.size)
     if box is None:
         return None
     rows, columns = box
+    u, v = np.meshgrid(np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop))
+    shown = beam.halo * (1 + ((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / beam.halo_px**2) ** -1.5
+    _add_core(shown, camera, spot, direction, beam, (rows, columns), _box(centre - core, centre + core, camera.size))
+    return beam.brightness * shown[..., None] * np.array(TINTS[beam.colour]), rows, columns
+
+
+def _add_core(
+    shown: Matrix, camera: Camera, spot: Vector, direction: Vector, beam: Beam, box: tuple[slice, slice], core: tuple[slice, slice] | None
+) -> None:
+    """Add the beam's Gaussian, cut by the screen, seen through the lens and blurred by it, to the glow in a box."""
+    if core is None:
+        return
+    rows, columns = core
     away = np.nan_to_num(_fine_spots(camera, rows, columns) - spot, nan=1e3)
     squared = (away**2).sum(axis=-1) - (away @ direction[1:]) ** 2  # squared distance from the beam's axis
     fine = abs(direction[0]) * np.exp(-squared / (2 * beam.width**2))
-    shown = _averaged(cv2.GaussianBlur(fine, (0, 0), beam.blur_px * _FINE, borderType=cv2.BORDER_REPLICATE))
-    u, v = np.meshgrid(np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop))
-    glow = beam.halo * (1 + ((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / beam.halo_px**2) ** -1.5
-    return beam.brightness * (shown + glow)[..., None] * np.array(TINTS[beam.colour]), rows, columns
+    light = _averaged(cv2.GaussianBlur(fine, (0, 0), beam.blur_px * _FINE, borderType=cv2.BORDER_REPLICATE))
+    top, left = rows.start - box[0].start, columns.start - box[1].start
+    shown[top : top + light.shape[0], left : left + light.shape[1]] += light
 
 
-def glare(size: tuple[int, int], count: int, rng: np.random.Generator) -> Array3:
+def glare(size: tuple[int, int], count: int, rng: np.random.Generator) -> Light:
     """Lamps, glints, streaks and weak coloured reflections inside the lens, (h, w, 3)."""
-    light = np.zeros((size[1], size[0], 3))
+    light = np.zeros((size[1], size[0], 3), np.float32)
     kinds = {"lamp": (_lamp, 300), "glint": (_glint, 40), "streak": (_streak, 300), "ghost": (_ghost, 70)}
     for _ in range(count):
         profile_of, reach = kinds[str(rng.choice(list(kinds)))]

@@ -22,7 +22,7 @@ from urdfcal.robot import Robot
 from urdfcal.sensors import makes_spot, spots_on_screen
 from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.render_scene import Beam, Lighting, backdrop, glare, spot_light
-from urdfcal.vision.render_sensor import Pixels, Sensor
+from urdfcal.vision.render_sensor import Light, Pixels, Sensor
 from urdfcal.vision.screen_markers import ScreenMarkers
 
 
@@ -115,15 +115,15 @@ def pictures(studio: Studio, beams: Beams, rng: np.random.Generator, dark: bool 
     if dark:
         yield Shot(-1, 1, studio.sensor.expose(behind, rng, pattern), np.zeros(lasers, dtype=bool))
     for pose in range(n):
-        light = behind + glare(studio.camera.size, studio.glare, rng) if studio.glare else behind.copy()
-        shown = rng.random(lasers) >= studio.missing
+        light = np.asarray(behind + glare(studio.camera.size, studio.glare, rng) if studio.glare else behind.copy(), dtype=np.float32)
+        shown: npt.NDArray[np.bool_] = np.asarray(rng.random(lasers) >= studio.missing)
         for index in range(lasers):
             shown[index] = shown[index] and _shine(light, studio, beams, pose, index)
         for frame in range(1, studio.frames + 1):
             yield Shot(pose, frame, studio.sensor.expose(light, rng, pattern), shown)
 
 
-def _shine(light: Array3, studio: Studio, beams: Beams, pose: int, index: int) -> bool:
+def _shine(light: Light, studio: Studio, beams: Beams, pose: int, index: int) -> bool:
     """Add a spot to the light; False where its centre is not in the picture."""
     spot = beams.spots[pose, index]
     if not np.isfinite(spot).all():

@@ -16,13 +16,13 @@ picture and to `spot_series`, which knows that spots move from pose to pose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.geometry import Array3, Matrix, Vector
+from urdfcal.geometry import Matrix, Vector
 from urdfcal.vision.spot_fit import FittedSpot, fit_spot
 from urdfcal.vision.spot_images import Picture
 from urdfcal.vision.spot_search import COLOURS, Candidate, candidates
@@ -232,18 +232,22 @@ class _Window:
         if self.flat:
             order = [colour, *self.others]
             return fit_spot(
-                np.moveaxis(self.gain[..., order], 2, 0), ~np.moveaxis(self.clipped[..., order], 2, 0), start, self.candidate.radius, self.grain
+                np.moveaxis(self.gain[..., order], 2, 0),
+                ~np.moveaxis(self.clipped[..., order], 2, 0),
+                start,
+                self.candidate.radius,
+                self.grain,
             )
         return fit_spot(self.opponent[None], ~self.clipped.any(axis=2)[None], start, self.candidate.radius, self.grain)
 
     def _shape(self, fitted: FittedSpot) -> str:
         """Whether the fitted light is where, as large, as round and as smooth as a spot's."""
         limits, (longer, shorter) = self.limits, fitted.widths
-        at = fitted.centre + [self.left, self.above]
-        wandered = np.linalg.norm(at - [self.candidate.u, self.candidate.v]) > self.candidate.radius + 1.5
+        at = fitted.centre + np.array([self.left, self.above])
+        wandered = np.linalg.norm(at - np.array([self.candidate.u, self.candidate.v])) > self.candidate.radius + 1.5
         if fitted.core[0] <= 0 or wandered:
             return "no peak"
-        if (at < 1 + shorter).any() or (at > np.array(self.size) - 2 - shorter).any():
+        if float(np.minimum(at - 1, np.array(self.size) - 2 - at).min()) < shorter:
             return "cut by the picture's edge"
         if longer > limits.largest:
             return f"{longer:.0f} px wide"
@@ -264,7 +268,7 @@ class _Window:
     def _clipped_share(self, fitted: FittedSpot) -> float:
         """How far the core is clipped, 0 to 1: print and objects rarely are, and what is may be misshapen by the camera."""
         half = np.pi * 2 * np.log(2) * float(np.prod(fitted.widths))
-        return min(self.clipped_core / (_CLIPPED_WELL * half), 1.0)
+        return float(min(self.clipped_core / (_CLIPPED_WELL * half), 1.0))
 
     def _spot(self, fitted: FittedSpot) -> PixelSpot:
         """The spot, with what no fit sees added to its covariance."""
@@ -273,7 +277,7 @@ class _Window:
         unseen = self.limits.speckle**2 * fitted.shape + (self.limits.clipping**2 * self.clipped_core / np.pi + between**2) * np.eye(2)
         return PixelSpot(
             COLOURS[self.candidate.colour],
-            centre + [self.left, self.above],
+            centre + np.array([self.left, self.above]),
             fitted.covariance + unseen,
             float(fitted.widths[0]),
             float(np.clip(self.gain[..., self.candidate.colour], 0, None)[near].sum()),

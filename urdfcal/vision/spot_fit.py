@@ -51,7 +51,7 @@ class FittedSpot:
     @property
     def widths(self) -> Vector:
         """Standard width along the longer and the shorter axis, [px]."""
-        return np.sqrt(np.linalg.eigvalsh(self.shape)[::-1])
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(self.shape)[::-1]))
 
 
 def fit_spot(channels: Array3, usable: Mask, centre: Vector, radius: float, grain: float) -> FittedSpot | None:

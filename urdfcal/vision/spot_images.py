@@ -102,7 +102,7 @@ def decoded(content: npt.NDArray[np.uint8]) -> npt.NDArray[np.generic] | None:
 
 def picture_from(pixels: npt.NDArray[np.generic], name: str = "") -> Picture:
     """A picture from pixels (h, w, 3) in OpenCV's order blue, green, red, 8 or 16 bits."""
-    full = float(np.iinfo(pixels.dtype).max)
+    full = FULL_SCALE if pixels.dtype == np.uint8 else 65535.0
     light = np.ascontiguousarray(pixels[..., ::-1]).astype(np.float32) * np.float32(FULL_SCALE / full)
     return Picture(name, light, light >= _CLIPPED * FULL_SCALE)
 
@@ -156,7 +156,9 @@ def by_pose(
     stems = {path: match[1] for path in files if path not in below and (match := _NUMBERED.match(path.stem))}
     if grouping == "auto" and known and not below:
         alone, together = ({path.stem, path.name} for path in files), ({stems.get(path, "")} for path in files)
-        grouping = "one" if all(names & set(known) for names in alone) else "named" if all(names & set(known) for names in together) else grouping
+        grouping = (
+            "one" if all(names & set(known) for names in alone) else "named" if all(names & set(known) for names in together) else grouping
+        )
     shared = {label: list(stems.values()).count(label) for label in stems.values()}
     named = grouping == "named" or (grouping == "auto" and len(shared) > 1 and min(shared.values()) > 1)
     groups: dict[str, list[Path]] = {}

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from itertools import permutations
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.geometry import Array3, Matrix
 from urdfcal.vision.spot_detector import PixelSpot
@@ -76,7 +77,9 @@ def _colours(poses: Sequence[PoseSpots], lasers: Sequence[str], place: Place, pr
     colours = sorted((colour for colour, _ in counts[:2]), key=["red", "green", "blue"].index)
     if predicted is not None and _reversed(poses, colours, place, predicted):
         colours = colours[::-1]
-    result.warnings.append(f"spots of two colours: {lasers[0]} is taken as {colours[0]}, {lasers[1]} as {colours[1]} (--colours says otherwise)")
+    result.warnings.append(
+        f"spots of two colours: {lasers[0]} is taken as {colours[0]}, {lasers[1]} as {colours[1]} (--colours says otherwise)"
+    )
     return colours
 
 
@@ -134,7 +137,13 @@ class _Group:
     def _by_model(self) -> list[tuple[list[int], str]]:
         assert self.predicted is not None
         firsts = [_best(places, ideal, True) for places, ideal in zip(self.places, self.predicted, strict=True)]
-        pairs = [(pose, laser, spot) for pose, (way, sure, _) in enumerate(firsts) if sure and len(self.lasers) > 1 for laser, spot in enumerate(way)]
+        pairs = [
+            (pose, laser, spot)
+            for pose, (way, sure, centred) in enumerate(firsts)
+            if sure and centred
+            for laser, spot in enumerate(way)
+            if spot >= 0
+        ]
         mapped, gate = self._mapped(pairs)
         return [self._second(pose, mapped[pose], gate) for pose in range(len(self.poses))]
 
@@ -164,7 +173,10 @@ class _Group:
             return self._nobody(), f"{_spots(len(places))}, far from where the others let expect any"
         way, sure, centred = _best(places[near], ideal, not np.isfinite(gate))
         if not sure:
-            return self._nobody(), f"{_spots(len(places))}, and {'two ways' if centred or len(places) > 1 else 'two lasers'} to label are as good"
+            return (
+                self._nobody(),
+                f"{_spots(len(places))}, and {'two ways' if centred or len(places) > 1 else 'two lasers'} to label are as good",
+            )
         kept = np.flatnonzero(near)
         return [int(kept[spot]) if spot >= 0 else -1 for spot in way], ""
 
@@ -200,7 +212,7 @@ def _best(places: Matrix, ideal: Matrix, centred: bool) -> tuple[list[int], bool
     return ways[0][1], sure, centred
 
 
-def _subsets(lasers: Matrix, count: int) -> list[tuple[int, ...]]:
+def _subsets(lasers: npt.NDArray[np.intp], count: int) -> list[tuple[int, ...]]:
     from itertools import combinations
 
     return [tuple(int(laser) for laser in chosen) for chosen in combinations(lasers, count)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ class SpotSearch:
     colours: tuple[str, ...] | None = None
     camera: Camera | None = None
     dark: Picture | None = None
-    limits: SpotLimits = SpotLimits()
+    limits: SpotLimits = field(default_factory=SpotLimits)
     rightward: bool = True
     area: float | None = None
     still: bool = True

@@ -39,14 +39,15 @@ def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[
         for label, found in rows.items():
             if len(found) != 1:
                 raise MeasurementError(
-                    f"column '{column}': {'no row' if not found else f'{len(found)} rows'} for the picture {groups[label][0].name}, expected one",
+                    f"column '{column}': {len(found) or 'no'} row(s) for the picture {groups[label][0].name}, expected one",
                     table.path,
                     table.lines[found[1]] if found else table.header_line,
                 )
         return [found[0] for found in rows.values()], ""
     if len(table) != len(groups):
         raise MeasurementError(
-            f"has {len(table)} rows for {len(groups)} poses with pictures, and no column 'image' or 'pose' that names the pictures", table.path
+            f"has {len(table)} rows for {len(groups)} poses with pictures, and no column 'image' or 'pose' that names the pictures",
+            table.path,
         )
     first = next(iter(groups))
     return list(range(len(table))), f"{table.path}: no column 'image' or 'pose' names the pictures; joined by order, the first is {first}"
@@ -108,7 +109,9 @@ def spots_csv(
     text = io.StringIO()
     text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["pose", *(table.header[name] for name in copied if table), *(f"{laser}.{ending}" for laser in lasers for ending in endings)])
+    writer.writerow(
+        ["pose", *(table.header[name] for name in copied if table), *(f"{laser}.{ending}" for laser in lasers for ending in endings)]
+    )
     for pose, label in enumerate(labels):
         cells = [_plain(table, name, table.columns[name][rows[pose]]) for name in copied] if table else []
         for laser in lasers:

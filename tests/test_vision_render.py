@@ -1,0 +1,179 @@
+"""Simulated pictures: spots where the camera's geometry has them, light that adds up, and the whole line from render to spots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.conftest import ROBOTS_DIR, CliResult
+from tests.vision_scene import camera
+from urdfcal.vision.camera_file import camera_yaml
+from urdfcal.vision.camera_model import Camera
+from urdfcal.vision.render_scene import Beam, Lighting, backdrop, spot_light
+from urdfcal.vision.render_sensor import Sensor
+from urdfcal.vision.screen_markers import ScreenMarkers
+
+ARM = ROBOTS_DIR / "arm7" / "arm7.urdf.xacro"
+SQUARELY = np.array([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("spot", [(0.0, 0.0), (0.13, -0.09), (-0.2, 0.11)])
+def test_the_light_s_centroid_is_the_projected_spot(spot: tuple[float, float]) -> None:
+    """The centroid of the rendered light is the spot's projection through the lens, to a hundredth of a pixel."""
+    view = camera(oblique_deg=45.0, k1=-0.25)
+    light, rows, columns = spot_light(view, np.array(spot), SQUARELY, Beam()) or pytest.fail("no light")
+    red = light[..., 0]
+    u, v = np.meshgrid(np.arange(columns.start, columns.stop), np.arange(rows.start, rows.stop))
+    centroid = np.array([(red * u).sum(), (red * v).sum()]) / red.sum()
+    assert centroid == pytest.approx(view.pixels_of_spots(np.array([spot]))[0], abs=0.01)
+
+
+def test_a_spot_s_light_is_its_area() -> None:
+    """The sum of the pixels is brightness times the area 2 pi width^2 in pixels: a pixel integrates its light; and a slanted beam keeps it."""
+    view = camera(oblique_deg=0.0, k1=0.0)
+    for direction in (SQUARELY, np.array([np.cos(0.9), np.sin(0.9), 0.0])):
+        light, _, _ = spot_light(view, np.zeros(2), direction, Beam(brightness=0.5, width=2e-3)) or pytest.fail("no light")
+        metres = np.sqrt(np.linalg.det(view.spot_jacobian(view.pixels_of_spots(np.zeros((1, 2))))[0]))
+        assert light[..., 0].sum() == pytest.approx(0.5 * 2 * np.pi * (2e-3 / metres) ** 2, rel=0.02)
+
+
+def test_markers_are_seen_where_they_are() -> None:
+    """OpenCV's detector finds the rendered markers, with their corners where the lens puts them."""
+    markers = ScreenMarkers("DICT_4X4_50", 0.1, {0: (0.2, 0.12), 3: (-0.15, -0.1)})
+    view = camera(size=(640, 480), oblique_deg=35.0)
+    pixels = Sensor().expose(backdrop(view, Lighting(0.4), markers), np.random.default_rng(0))
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    corners, ids, _ = detector.detectMarkers(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+    assert sorted(np.ravel(ids)) == [0, 3]
+    for found, marker in zip(corners, np.ravel(ids), strict=True):
+        expected = view.pixels_of_spots(markers.corners_of(int(marker))[:, 1:])
+        assert np.abs(found[0] - expected).max() < 1.5
+
+
+def test_the_sensor_s_noise_is_what_is_stated() -> None:
+    """Mean and standard deviation of a flat picture are those of shot and read noise, and light beyond full scale clips."""
+    sensor = Sensor(well=10000, read=12, uneven=0, black=0.01)
+    pixels = sensor.expose(np.full((200, 200, 3), 0.4), np.random.default_rng(0)).astype(float)
+    assert pixels.mean() == pytest.approx(255 * 0.41, abs=0.05)
+    assert pixels.std() == pytest.approx(255 * np.sqrt(4000 + 144) / 10000, rel=0.03)
+    assert (sensor.expose(np.full((5, 5, 3), 3.0), np.random.default_rng(0)) == 255).all()
+
+
+def arm_camera() -> Camera:
+    """A small camera that sees the arm's whole screen."""
+    return camera(size=(480, 360), oblique_deg=20.0, mm_per_px=5.0, k1=-0.1)
+
+
+def test_simulate_render_spots(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """The rendered spots of simulated measurements come back: each of the right laser, within a millimetre or so, none false."""
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
+    errors = ROBOTS_DIR / "arm7" / "errors.yaml"
+    done = run_cli("simulate", ARM, "-o", "m.csv", "--poses", "8", "--errors", errors, "--spot-noise-mm", "0", "--screen-size-m", "1.2")
+    assert done.code == 0, done.err
+    look = ("--spot-mm", "16", "--missing", "0.1", "--frames", "2")
+    done = run_cli("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", *look, "--dark", "dark.png", "--seed", "3")
+    assert done.code == 0, done.err
+    assert len(list((tmp_path / "pics").glob("*.png"))) == 16
+    done = run_cli(
+        *("spots", "pics", "--camera", "camera.yaml", "--robot", ARM, "--poses", "m.csv", "--dark", "dark.png"),
+        *("-o", "found.csv", "--pixels", "--debug", "seen", "--json"),
+    )
+    assert done.code == 0, done.err
+    assert len(list((tmp_path / "seen").glob("*.jpg"))) == 16
+    truth = np.genfromtxt(tmp_path / "pics" / "truth.csv", delimiter=",", names=True, skip_header=1, deletechars="")
+    found = np.genfromtxt(tmp_path / "found.csv", delimiter=",", names=True, skip_header=1, deletechars="")
+    both = 0
+    for laser in ("laser_1", "laser_2"):
+        for axis in "yz":
+            there = np.isfinite(found[f"{laser}.{axis}"])
+            assert not (there & np.isnan(truth[f"{laser}.{axis}"])).any()
+            off = (found[f"{laser}.{axis}"] - truth[f"{laser}.{axis}"])[there]
+            assert np.abs(off).max() < 1.5e-3
+            assert (np.abs(off) < 5 * found[f"{laser}.sigma"][there]).all()
+            both += int(there.sum())
+    assert both >= 20
+    assert run_cli("evaluate", ARM, "found.csv", "-q").code == 0
+
+
+def test_a_calibrated_robot_shows_its_own_spots(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """With the truth of a simulation as calibration, poses alone give the spots that the simulation measured without noise."""
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
+    run_cli("simulate", ARM, "-o", "m.csv", "--poses", "3", "--spot-noise-mm", "0", "--screen-size-m", "1.2")
+    assert run_cli("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "measured").code == 0
+    done = run_cli("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "modelled", "--calibrated", "m_truth.yaml")
+    assert done.code == 0, done.err
+    one, other = ((tmp_path / folder / "truth.csv").read_text().splitlines()[2:] for folder in ("measured", "modelled"))
+    for a, b in zip(one, other, strict=True):
+        assert [float(x) for x in a.split(",") if x] == pytest.approx([float(x) for x in b.split(",") if x], abs=1e-6)
+
+
+BAD = {
+    "no camera": (("render", ARM, "m.csv", "--camera", "none.yaml", "-o", "pics"), "none.yaml: cannot be read"),
+    "no poses": (("render", ARM, "none.csv", "--camera", "camera.yaml", "-o", "pics"), "none.csv: cannot be read"),
+    "colour": (
+        ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--colours", "rad"),
+        "no laser colour 'rad'; did you mean 'red'?",
+    ),
+    "share": (
+        ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--missing", "2"),
+        "--missing 2: expected a number from 0 to 1",
+    ),
+    "full folder": (("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "."), "is not empty"),
+    "no joint": (("render", ARM, "q.csv", "--camera", "camera.yaml", "-o", "pics"), "q.csv:1: column 'joint1': is missing"),
+    "no images": (("spots", "empty", "--camera", "camera.yaml", "-o", "f.csv"), "empty: holds no picture"),
+    "missing image": (("spots", "a.png", "--camera", "camera.yaml", "-o", "f.csv"), "a.png: does not exist"),
+    "unreadable": (("spots", "broken.png", "--camera", "camera.yaml", "-o", "f.csv"), "broken.png: cannot be read as a picture"),
+    "size": (("spots", "small.png", "--camera", "camera.yaml", "-o", "f.csv"), "small.png: is 30 x 20 px, expected the camera's 480 x 360"),
+    "grey": (("spots", "grey.png", "--pixels", "-o", "f.csv"), "grey.png: is grey: without colour a spot looks like a lamp"),
+    "nothing asked": (("spots", "small.png", "-o", "f.csv"), "spots need --camera CAMERA.yaml"),
+    "frames": (("spots", "small.png", "--pixels", "--frames", "two", "-o", "f.csv"), "--frames two: expected auto, one or named"),
+    "colours": (("spots", "small.png", "--pixels", "--colours", "red,red,red", "-o", "f.csv"), "3 colours for 2 lasers"),
+    "no row": (
+        ("spots", "small.png", "--pixels", "--poses", "image.csv", "-o", "f.csv"),
+        "image.csv:1: column 'image': no row(s) for the picture small.png",
+    ),
+    "no screen": (("spots", "small.png", "--camera", "lens.yaml", "-o", "f.csv"), "the camera knows no screen"),
+}
+
+
+@pytest.mark.parametrize("words,said", BAD.values(), ids=BAD)
+def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Bad input is refused with exit code 2, one line that says what and where, and nothing written."""
+    from dataclasses import replace
+
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
+    (tmp_path / "lens.yaml").write_bytes(camera_yaml(replace(arm_camera(), size=(30, 20), T_camera_screen=None)))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "broken.png").write_bytes(b"\x89PNG no more")
+    rng = np.random.default_rng(0)
+    cv2.imwrite(str(tmp_path / "small.png"), rng.integers(0, 255, (20, 30, 3)).astype(np.uint8))
+    cv2.imwrite(str(tmp_path / "grey.png"), rng.integers(0, 255, (20, 30)).astype(np.uint8))
+    (tmp_path / "q.csv").write_text("pose,q\na,1\n")
+    (tmp_path / "image.csv").write_text("image,q\nother.png,1\n")
+    (tmp_path / "m.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na" + ",0" * 7 + "\n")
+    before = sorted(tmp_path.rglob("*"))
+    done = run_cli(*words)
+    assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    assert said in done.err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_pixels_alone_need_no_camera(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Plain pictures give `.u .v .sigma_px`, and a picture with nothing in it an empty row."""
+    from tests.vision_scene import shot
+
+    rng = np.random.default_rng(2)
+    pixels, truth = shot(camera(), [(120.0, 90.0), (300.0, 200.0)], [Beam(), Beam()], rng)
+    cv2.imwrite(str(tmp_path / "p1.png"), pixels)
+    cv2.imwrite(str(tmp_path / "p2.png"), shot(camera(), [], [], rng)[0])
+    done = run_cli("spots", "p1.png", "p2.png", "--pixels", "-o", "f.csv")
+    assert done.code == 0, done.err
+    comment, header, first, second = (tmp_path / "f.csv").read_text().splitlines()
+    assert header == "pose,laser_1.u,laser_1.v,laser_1.sigma_px,laser_2.u,laser_2.v,laser_2.sigma_px"
+    cells = first.split(",")
+    assert [float(cells[k]) for k in (1, 2, 4, 5)] == pytest.approx([*truth[0], *truth[1]], abs=0.2)
+    assert second == "p2" + "," * 6

@@ -1,0 +1,259 @@
+"""Gravity sag beside geometry: a joint fit of both, and what it gains on poses that it did not see.
+
+The joint fit starts from a geometry-only calibration, of the same poses without the same outliers. Each joint yields to its own
+gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
+stand for is explained now. Terms on request stay only where they raise the log evidence by more than LEAST_GAIN,
+
+    log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det P0 - log det P] + constant   (Laplace)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.ekf import Belief, Estimate, Linearise, iterated_schedule
+from urdfcal.error_model import ErrorModel, Parameter
+from urdfcal.error_table import error_table, rms_mm
+from urdfcal.evidence import by_evidence
+from urdfcal.fit_result import FitResult
+from urdfcal.geometry import Matrix, Vector
+from urdfcal.gravity import Gravity, WeighedRobot
+from urdfcal.measurements import Measurements
+from urdfcal.noise import Linearisation, Noise
+from urdfcal.simulation import joint_limits
+from urdfcal.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
+from urdfcal.spot_model import SpotModel
+
+LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
+FOLDS = 5
+_CONFIGURATIONS = 400
+_DIRECTIONS = {
+    "+x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "+z": (0.0, 0.0, 1.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean square distances of poses that were not fitted, by cross-validation, [mm].
+
+    Attributes:
+        geometry: With geometry alone.
+        sag: With geometry and sag.
+        folds: How many there were.
+    """
+
+    geometry: float
+    sag: float
+    folds: int
+
+    @property
+    def ratio(self) -> float:
+        """What is left of the error with sag."""
+        return self.sag / self.geometry if self.geometry else 1.0
+
+
+@dataclass(frozen=True)
+class SagFit:
+    """A joint fit of geometry and sag.
+
+    Attributes:
+        calibration: The geometry-only calibration that it started from.
+        errors: The error model with the joints' softness.
+        estimate: Of all parameters.
+        gravity: Where down is, and what is carried.
+        gain: Of log evidence over geometry alone.
+        held_out: What it gains on poses that were not fitted; None if that was not asked for.
+        dropped: Terms on request that did not earn their place.
+        warnings: What the user ought to know.
+    """
+
+    calibration: FitResult
+    errors: ErrorModel
+    estimate: Estimate
+    gravity: Gravity
+    gain: float
+    held_out: HeldOut | None
+    dropped: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def softness(self) -> Softness:
+        """How the joints give way."""
+        assert self.errors.soft is not None
+        return self.errors.soft
+
+    @property
+    def soft_values(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of every soft parameter, by name."""
+        sigma = np.sqrt(np.diag(self.estimate.belief.P))
+        column = {name: index for index, name in enumerate(self.errors.names)}
+        return {
+            term.name: (float(self.estimate.belief.x[column[term.name]]), float(sigma[column[term.name]])) for term in self.softness.terms
+        }
+
+
+def gravity_matters(weighed: WeighedRobot, q: Matrix) -> bool:
+    """Whether gravity bends any joint of the way at all."""
+    return bool(gravity_terms(weighed.robot.chain, weighed.moments(q)))
+
+
+def fit_sag(
+    calibration: FitResult,
+    gravity: Gravity | None = None,
+    *,
+    extras: Sequence[str] = (),
+    folds: int = FOLDS,
+    compare_directions: bool = True,
+    rng: np.random.Generator | None = None,
+) -> SagFit | None:
+    """Fit geometry and sag together, from a geometry-only calibration.
+
+    Args:
+        calibration: Geometry alone; its poses are fitted again.
+        gravity: Where down is, and what is carried; by default -z of the root link, and nothing.
+        extras: Further terms, of `softness.EXTRAS`; each stays if it raises the log evidence by more than LEAST_GAIN.
+        folds: For the gain on held-out poses; 0 for none.
+        compare_directions: Also try gravity along the root link's other axes, and warn if the data prefer one of them.
+        rng: Draws the folds, and configurations within the joints' range; seeded by default.
+
+    Returns:
+        None where gravity bends nothing.
+    """
+    rng, gravity = rng or np.random.default_rng(0), gravity or Gravity()
+    setup = _Setup(calibration, rng)
+    terms = setup.gravity_terms(gravity)
+    if not terms:
+        return None
+    whole = setup.fit(terms, gravity)
+    dropped: list[str] = []
+    for extra in (name for name in EXTRAS if name in extras):
+        tried = setup.fit((*whole.terms, *extra_terms(setup.chain, [extra])), gravity, whole)
+        if tried.log_evidence > whole.log_evidence + LEAST_GAIN:
+            whole = tried
+        else:
+            dropped.append(extra)
+    alone = setup.alone()
+    held_out = setup.held_out(alone, whole, folds, rng) if folds else None
+    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
+    gain = whole.log_evidence - alone.log_evidence
+    return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(dropped), warnings)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """One fit of the poses."""
+
+    errors: ErrorModel
+    estimate: Estimate
+    model: SpotModel
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def log_evidence(self) -> float:
+        return log_evidence(self.model.linearise(self.estimate.belief.x), self.estimate, self.errors)
+
+
+class _Setup:
+    """What all the fits of one calibration share."""
+
+    def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
+        self.calibration, self.chain = calibration, calibration.robot.chain
+        self.data, self.noise = calibration.data, calibration.estimate.noise
+        self.joints = bool(np.any(self.noise.joint_sigma))
+        lower, upper = joint_limits(calibration.robot)
+        drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
+        self.range = np.vstack([drawn, calibration.data.q])
+
+    def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
+        """Gravity's terms over the joints' range."""
+        return gravity_terms(self.chain, self.weighed(gravity).moments(self.range))
+
+    def weighed(self, gravity: Gravity) -> WeighedRobot:
+        return WeighedRobot(self.calibration.robot, gravity)
+
+    def alone(self) -> _Fitted:
+        """The geometry-only calibration, as if it had been made here."""
+        errors = self.calibration.errors
+        return _Fitted(errors, self.calibration.estimate, SpotModel(errors, self.data, self.joints))
+
+    def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
+        """Geometry and some terms together."""
+        errors = with_softness(self.calibration.errors, terms, self.weighed(gravity), self.calibration.robot.rig.module)
+        known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
+        known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
+        x = np.array([known.get(name, 0.0) for name in errors.names])
+        model = SpotModel(errors, self.data, self.joints)
+        first = _run(model.linearise, errors, self.noise, x)
+        if self.calibration.evidence is not None and first.converged:
+            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first)
+            model = SpotModel(errors, self.data, self.joints)
+        return _Fitted(errors, first, model, terms)
+
+    def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
+        """Each pose predicted by fits that did not see it."""
+        folds = min(folds, len(self.data))
+        if folds < 2:
+            return None
+        squares, counts = np.zeros(2), np.zeros(2)
+        for rows in np.array_split(rng.permutation(len(self.data)), folds):
+            for column, fitted in enumerate((alone, whole)):
+                rms, count = _left_out(fitted, self.data, rows, self.joints)
+                squares[column] += count * rms**2
+                counts[column] += count
+        geometry, sag = np.sqrt(squares / np.maximum(counts, 1)).tolist()
+        return HeldOut(geometry, sag, folds)
+
+    def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
+        """A warning if the data prefer another direction of gravity."""
+        gains = {}
+        for name, direction in _DIRECTIONS.items():
+            other = replace(gravity, direction=direction)
+            if not np.allclose(direction, gravity.direction, atol=1e-3) and (terms := self.gravity_terms(other)):
+                gains[name] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
+        best = max(gains, key=lambda name: gains[name], default="")
+        if best and gains[best] > LEAST_GAIN:
+            root, numbers = self.calibration.robot.tree.root, ",".join(f"{part:g}" for part in _DIRECTIONS[best])
+            yield (
+                f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gains[best]:+.0f}); "
+                f"if the robot hangs or stands so, say --gravity {numbers}"
+            )
+
+
+def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:
+    """An error model whose joints give way."""
+    soft = tuple(Parameter(term.name, "rad", "soft", 0.0, term.sigma) for term in terms)
+    rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
+    return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))
+
+
+def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
+    """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
+    noise, belief = estimate.noise, estimate.belief
+    spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
+    pull = float(np.sum(((belief.x - errors.mean) / errors.sigma) ** 2))
+    _, volume = np.linalg.slogdet(belief.P / np.outer(errors.sigma, errors.sigma))
+    return -0.5 * (noise.chi_squared(here) + pull + spread - float(volume))
+
+
+def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:
+    return iterated_schedule(linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=start)
+
+
+def _left_out(fitted: _Fitted, data: Measurements, rows: Rows, joints: bool) -> tuple[float, int]:
+    """RMS distance of some poses under a fit of all others, [mm], and how many distances there are; priors and noise as they are."""
+    kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
+    noise = replace(fitted.estimate.noise, stated=True)
+    found = _run(SpotModel(fitted.errors, kept, joints).linearise, fitted.errors, noise, fitted.estimate.belief.x)
+    table = error_table(SpotModel(fitted.errors, data.subset(rows)).linearise(found.belief.x), len(rows))
+    return rms_mm(table), sum(row.n for row in table.values() if row.unit == "mm")
