@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.helpers import assert_poses_close
 from tests.sensor_cases import CASES, SensorCase, setup_of
-from urdfcal.errors import FitRejected
+from urdfcal.errors import UsageError
 from urdfcal.frame_start import (
     common_point,
     nearest_rotation,
@@ -171,11 +171,10 @@ def test_what_is_stated_stays_where_it_is_stated(robots: dict[str, Robot]) -> No
 
 
 def test_a_plane_of_two_touches_is_refused(robots: dict[str, Robot]) -> None:
-    """Three touches are the least that a plane has; fewer are refused by its label, with no result to force."""
+    """Three touches are the least that a plane has; fewer are refused by pose and label."""
     setup, data = perfect(CASES["plane"], robots, 0, poses=11)
-    with pytest.raises(FitRejected, match=r"plane '4' was touched at 2 poses; three are the least") as refused:
+    with pytest.raises(UsageError, match=r"pose 4: plane .4. is touched twice, expected three times or more"):
         place_instruments(build_error_model(setup.robot.chain, setup.robot.rig), data)
-    assert not refused.value.forceable
 
 
 def test_places_of_further_measurements_are_found_with_everything_else_held(robots: dict[str, Robot]) -> None:

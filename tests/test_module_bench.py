@@ -12,8 +12,8 @@ import pytest
 from tests.conftest import CliResult
 from urdfcal.errors import MeasurementError, UsageError
 from urdfcal.gauge import build_error_model
-from urdfcal.robot import Robot, load_robot
 from urdfcal.rig_file import read_rig_file
+from urdfcal.robot import Robot, load_robot
 from urdfcal.vision.csv_table import read_csv_table
 from urdfcal.vision.module_bench import BenchReadings, beam_direction, beams_from_bench, predicted_readings, readings_from, relative_angles
 from urdfcal.vision.module_file import beam_priors, nominal_axes
@@ -166,7 +166,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("text,said", BAD.values(), ids=BAD)
+@pytest.mark.parametrize(("text", "said"), BAD.values(), ids=BAD)
 def test_broken_readings_are_refused_in_one_line(text: str, said: str, tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
     """Bad input names file, line and column, exits with 2 and writes nothing."""
     (tmp_path / "bench.csv").write_text(text)

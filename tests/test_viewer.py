@@ -232,6 +232,29 @@ def test_the_page_is_whole_and_the_same_every_time(small_view: View) -> None:
         assert secret not in page
 
 
+@pytest.mark.parametrize("root", ["nominal", "solid"])
+def test_both_robots_stand_before_the_one_screen_that_is_drawn(root: str) -> None:
+    """Seen from the drawn screen, each robot's module is where its own forward kinematics has it in the first pose."""
+    fixed = '<parent link="screen"/>\n    <child link="base"/>\n    <origin xyz="-1.4 0 -0.1" rpy="0 0 0"/>'
+    assert fixed in URDF
+    hung = URDF.replace(fixed, '<parent link="base"/>\n    <child link="screen"/>\n    <origin xyz="1.4 0 0.1" rpy="0 0 0"/>')
+    robot = robot_of(hung)
+    data, corrected = measured(robot)
+    view = view_of(robot, data, corrected)
+    placed = {command["path"]: command["matrix"] for command in commands_of(view.html) if command["type"] == "set_transform"}
+
+    def drawn(path: str) -> pin.SE3:
+        matrix = placed.get(f"/meshcat/{path}")
+        return pin.SE3.Identity() if matrix is None else pin.SE3(np.array(matrix).reshape(4, 4).T)
+
+    own = robot if root == "nominal" else corrected
+    frames = own.model.createData()
+    pin.framesForwardKinematics(own.model, frames, configurations(own, data.q[:1])[0])
+    screen, module = (frames.oMf[own.model.getFrameId(link, pin.FrameType.BODY)] for link in ("screen", "slm"))
+    T_slm_box = view.shapes.T_link_shape[view.shapes.model.getGeometryId("slm_box")]
+    assert_poses_close(drawn("screen").actInv(drawn(root) * drawn(f"{root}/visuals/slm_box")), screen.actInv(module * T_slm_box))
+
+
 def test_names_from_files_do_not_become_html() -> None:
     """A robot, pose or laser that is named like a tag stays text."""
     evil = "</script><b>x"

@@ -33,7 +33,7 @@ def test_the_light_s_centroid_is_the_projected_spot(spot: tuple[float, float]) -
 
 
 def test_a_spot_s_light_is_its_area() -> None:
-    """The sum of the pixels is brightness times the area 2 pi width^2 in pixels: a pixel integrates its light; and a slanted beam keeps it."""
+    """The sum of the pixels is brightness times 2 pi width^2 in pixels: a pixel integrates, and a slanted beam keeps its light."""
     view = camera(oblique_deg=0.0, k1=0.0)
     for direction in (SQUARELY, np.array([np.cos(0.9), np.sin(0.9), 0.0])):
         light, _, _ = spot_light(view, np.zeros(2), direction, Beam(brightness=0.5, width=2e-3)) or pytest.fail("no light")
@@ -140,7 +140,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("words,said", BAD.values(), ids=BAD)
+@pytest.mark.parametrize(("words", "said"), BAD.values(), ids=BAD)
 def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
     """Bad input is refused with exit code 2, one line that says what and where, and nothing written."""
     from dataclasses import replace
@@ -172,7 +172,7 @@ def test_pixels_alone_need_no_camera(tmp_path: Path, run_cli: Callable[..., CliR
     cv2.imwrite(str(tmp_path / "p2.png"), shot(camera(), [], [], rng)[0])
     done = run_cli("spots", "p1.png", "p2.png", "--pixels", "-o", "f.csv")
     assert done.code == 0, done.err
-    comment, header, first, second = (tmp_path / "f.csv").read_text().splitlines()
+    _, header, first, second = (tmp_path / "f.csv").read_text().splitlines()
     assert header == "pose,laser_1.u,laser_1.v,laser_1.sigma_px,laser_2.u,laser_2.v,laser_2.sigma_px"
     cells = first.split(",")
     assert [float(cells[k]) for k in (1, 2, 4, 5)] == pytest.approx([*truth[0], *truth[1]], abs=0.2)

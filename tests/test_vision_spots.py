@@ -145,7 +145,7 @@ def test_left_and_right_where_nothing_else_tells() -> None:
 
 
 def test_the_nominal_robot_tells_single_spots_apart(rng: np.random.Generator) -> None:
-    """With predictions that are all off by an affine map, every pair and nearly every single spot gets its own laser, and none another's."""
+    """With predictions that are all off by an affine map, nearly every spot gets its own laser, and none another's."""
     predicted = rng.uniform(-500, 500, (40, 2, 2))
     seen = predicted @ np.array([[1.05, 0.1], [-0.1, 0.97]]) + [80.0, -120.0] + rng.normal(0, 3, predicted.shape)
     poses = []

@@ -17,11 +17,14 @@ if TYPE_CHECKING:
     from urdfcal.calibration import Calibration, evaluate, fit
     from urdfcal.calibration_file import StoredCalibration, apply
     from urdfcal.calibration_file import read_calibration as load_calibration
+    from urdfcal.compensation import load_compensation
     from urdfcal.errors import FitRejected, InputError, UrdfcalError
     from urdfcal.gauge import ModelOptions
+    from urdfcal.gravity import Gravity
     from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
     from urdfcal.online import OnlineCalibrator
     from urdfcal.robot import Robot, load_robot
+    from urdfcal.sag import fit_sag
 
 _HOME = {
     "Calibration": "calibration",
@@ -35,6 +38,9 @@ _HOME = {
     "UrdfcalError": "errors",
     "ModelOptions": "gauge",
     "OnlineCalibrator": "online",
+    "Gravity": "gravity",
+    "fit_sag": "sag",
+    "load_compensation": "compensation",
     "Measurements": "measurements",
     "measurements_from": "measurements",
     "read_measurements": "measurements",
@@ -48,6 +54,7 @@ __all__ = [
     "__version__",
     "Calibration",
     "FitRejected",
+    "Gravity",
     "InputError",
     "Measurements",
     "ModelOptions",
@@ -58,7 +65,9 @@ __all__ = [
     "apply",
     "evaluate",
     "fit",
+    "fit_sag",
     "load_calibration",
+    "load_compensation",
     "load_robot",
     "measurements_from",
     "read_measurements",

@@ -13,7 +13,7 @@ link and A_i what was measured, every pose says Y A_i = B_i X.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from urdfcal.error_model import DEFAULT_PRIORS, INSTRUMENTS, ErrorModel, PriorScale
-from urdfcal.errors import FitRejected
+from urdfcal.errors import UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
@@ -51,7 +51,7 @@ class _Seen:
 
     Attributes:
         R, b: Axes (n, 3, 3) and origin (n, 3) of its link.
-        a: Measured points, (n, 3); None if only orientations were seen.
+        a: Measured points, (n, 3); with axes beside them some or all of the numbers may be nan.
         A: Measured axes, (n, 3, 3); None if only points were seen.
     """
 
@@ -61,6 +61,11 @@ class _Seen:
     b: Matrix
     a: Matrix
     A: Array3 | None
+
+    @property
+    def whole(self) -> bool:
+        """Whether all three numbers of every point were read."""
+        return not np.isnan(self.a).any()
 
 
 def instruments_alone(errors: ErrorModel) -> ErrorModel:
@@ -80,7 +85,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
         data: The measurements.
 
     Raises:
-        FitRejected: there are too few readings to place a target.
+        UsageError: a plane was touched less than three times.
     """
     free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
     known = _Known({}, {})
@@ -91,7 +96,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
     for session in errors.sessions:
         if reference is None or reference.label not in free:
             known.frames[session] = pin.SE3.Identity()
-    seen = sorted(_views(errors, data), key=lambda view: (view.A is None, -len(view.b)))
+    seen = sorted(_views(errors, data), key=lambda view: (not view.whole, view.A is None, -len(view.b)))
     for view in [*seen, *seen]:  # the second time for what needed something that was found later
         _place(view, known)
     _place_sockets(errors, data, known)
@@ -119,19 +124,24 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     for each in data.readings:
         by_target.setdefault(each.target, {})[each.kind] = each
     for target, kinds in by_target.items():
-        point, axes = kinds.get("point"), kinds.get("orientation")
-        if point is None:
-            continue
-        whole = ~np.isnan(point.values).any(axis=1)
+        points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
+        whole = ~np.isnan(points).any(axis=1)
         if axes is not None and (whole & axes.seen).sum() >= _LEAST_POINTS:
             whole &= axes.seen
+        elif axes is not None and whole.sum() < _LEAST_POINTS:
+            whole = axes.seen
         else:
             axes = None
         for session in errors.sessions:
             rows = np.flatnonzero(whole & ((data.sessions == session) | (len(errors.sessions) == 1)))
             if len(rows) >= _LEAST_POINTS:
                 R, b = _nominal(errors, data.q[rows], target, session)
-                yield _Seen(target, session, R, b, point.values[rows], None if axes is None else matrices(axes.values[rows]))
+                yield _Seen(target, session, R, b, points[rows], None if axes is None else matrices(axes.values[rows]))
+
+
+def _points_of(kinds: Mapping[str, Readings], poses: int) -> Matrix:
+    """The points of a target, (n, 3); nan where there are none."""
+    return kinds["point"].values if "point" in kinds else np.full((poses, 3), np.nan)
 
 
 def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
@@ -156,17 +166,29 @@ def _place(view: _Seen, known: _Known) -> None:
         known.offsets[view.target] = pin.SE3(np.eye(3), offset)
     elif X is None:
         known.offsets[view.target] = _offset(view, Y)
-    elif view.A is not None or len(view.b) >= _LEAST_POINTS:
-        known.frames[view.session] = umeyama(view.a, view.b + view.R @ X.translation)
+    else:
+        known.frames[view.session] = _frame(view, X)
 
 
 def _offset(view: _Seen, Y: SE3) -> SE3:
-    """X for a known Y: the mean of R_i' (Y a_i - b_i), and of R_i' R_Y A_i."""
+    """X for a known Y: R_Y' R_i x = a_i - R_Y' (b_i - y) of what was read of a_i, and the mean of R_i' R_Y A_i."""
+    read = ~np.isnan(view.a).ravel()
+    left, right = (Y.rotation.T @ view.R).reshape(-1, 3), (view.a - (view.b - Y.translation) @ Y.rotation).ravel()
+    offset = np.linalg.lstsq(left[read], right[read], rcond=1e-9)[0]
     back = view.R.transpose(0, 2, 1)
-    there = view.a @ Y.rotation.T + Y.translation
-    offset = np.einsum("nij,nj->ni", back, there - view.b).mean(axis=0)
     rotation = np.eye(3) if view.A is None else nearest_rotation((back @ (Y.rotation @ view.A)).mean(axis=0))
     return pin.SE3(rotation, offset)
+
+
+def _frame(view: _Seen, X: SE3) -> SE3:
+    """Y for a known X: from the points or, where numbers of theirs are missing, with the mean of R_i R_X A_i'."""
+    there = view.b + view.R @ X.translation
+    if view.A is None or view.whole:
+        return umeyama(view.a, there)
+    R_Y = nearest_rotation((view.R @ X.rotation @ view.A.transpose(0, 2, 1)).mean(axis=0))
+    left = there @ R_Y - view.a  # R_Y' y, as far as it was read
+    read = ~np.isnan(left)
+    return pin.SE3(R_Y, R_Y @ (np.where(read, left, 0.0).sum(axis=0) / np.maximum(read.sum(axis=0), 1)))
 
 
 def robot_world_hand_eye(R_B: Array3, b: Matrix, R_A: Array3, a: Matrix) -> tuple[SE3, SE3]:
@@ -176,7 +198,7 @@ def robot_world_hand_eye(R_B: Array3, b: Matrix, R_A: Array3, a: Matrix) -> tupl
         R_B: Rotations of B_i, (n, 3, 3).
         b: Translations of B_i, (n, 3), [m].
         R_A: Rotations of A_i, (n, 3, 3).
-        a: Translations of A_i, (n, 3), [m].
+        a: Translations of A_i, (n, 3), [m]; nan where they were not read.
     """
     n, unit = len(b), np.eye(3)
     by_y = np.einsum("jk,nlm->njmkl", unit, R_A).reshape(n * 9, 9)  # (R_Y R_A)_jm = R_Y,jl R_A,lm
@@ -209,9 +231,11 @@ def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
 
 
 def _translations(R: Array3, b: Matrix, a: Matrix, R_Y: Matrix) -> tuple[Vector, Vector]:
-    """Y and x of R_Y a_i + y = R_i x + b_i by least squares; the shortest where the poses do not tell."""
-    left = np.concatenate([np.broadcast_to(np.eye(3), R.shape), -R], axis=2).reshape(-1, 6)
-    both = np.linalg.lstsq(left, (b - a @ R_Y.T).ravel(), rcond=1e-9)[0]
+    """Y and x of R_Y a_i + y = R_i x + b_i by least squares in the measuring frame's axes; the shortest where the poses do not tell."""
+    left = (R_Y.T @ np.concatenate([np.broadcast_to(np.eye(3), R.shape), -R], axis=2)).reshape(-1, 6)
+    right = (b @ R_Y - a).ravel()
+    read = ~np.isnan(right)
+    both = np.linalg.lstsq(left[read], right[read], rcond=1e-9)[0]
     return both[:3], both[3:]
 
 
@@ -279,14 +303,27 @@ def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
             if each.kind == "socket":
                 means |= _named(place.name, own.mean(axis=0))
             else:
-                if len(own) < _LEAST_POINTS:
-                    raise FitRejected(f"plane '{label}' was touched at {len(own)} poses; three are the least", forceable=False)
+                _require_touches(data, rows[each.labels[rows] == label], label)
                 planes[place.name], means[f"{place.name}.offset"] = plane_through(own)
     stated = [
         replace(parameter, mean=means[parameter.name]) if parameter.name in means and not parameter.mean else parameter
         for parameter in errors.parameters
     ]
     return replace(errors, parameters=tuple(stated), planes={**errors.planes, **planes})
+
+
+def _require_touches(data: Measurements, poses: Vector, label: str) -> None:
+    """Refuse a plane that any probe would fit.
+
+    Raises:
+        UsageError: where the plane was touched first, and how often.
+    """
+    if len(poses) < _LEAST_POINTS:
+        count = "once" if len(poses) == 1 else "twice"
+        raise UsageError(
+            f"{data.where(int(poses[0]))}: plane '{label}' is touched {count}, expected three times or more; "
+            "touch it at more poses, or leave its cells empty"
+        )
 
 
 def _named(place: str, point: Sequence[float] | Vector) -> dict[str, float]:

@@ -89,13 +89,13 @@ def load_robot(
     Raises:
         RobotError: the file is not a robot that can be loaded; says where and why.
     """
-    return robot_from(read_description(path, xacro_args, package_dirs), screen=screen, lasers=lasers)
+    return robot_from(read_description(path, xacro_args, package_dirs), screen=screen, lasers=lasers or None)
 
 
 def robot_from(description: Description, *, screen: str | None = None, lasers: Sequence[str] | None = None) -> Robot:
     """Build a robot from a description that has been read."""
     tree = read_tree(description)
-    return Robot(description, tree, _pinocchio_model(description), screen, tuple(lasers) if lasers else None)
+    return Robot(description, tree, _pinocchio_model(description), screen, tuple(lasers) if lasers is not None else None)
 
 
 def _pinocchio_model(description: Description) -> Any:

@@ -15,30 +15,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from urdfcal.compensation import Compensation, compensation_files, in_memory
 from urdfcal.ekf import Belief, Estimate, Linearise, iterated_schedule
 from urdfcal.error_model import ErrorModel, Parameter
 from urdfcal.error_table import error_table, rms_mm
 from urdfcal.evidence import by_evidence
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import Matrix, Vector
+from urdfcal.geometry import Vector
 from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.simulation import joint_limits
 from urdfcal.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
 from urdfcal.spot_model import SpotModel
+from urdfcal.urdf_writer import with_origins
 
 LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
 FOLDS = 5
 _CONFIGURATIONS = 400
-_DIRECTIONS = {
-    "+x": (1.0, 0.0, 0.0),
-    "-x": (-1.0, 0.0, 0.0),
-    "+y": (0.0, 1.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-    "+z": (0.0, 0.0, 1.0),
-    "-z": (0.0, 0.0, -1.0),
-}
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_UPWARD = -5.0  # [sigmas] joints that bend upward by more than this, all in all, say that gravity pulls the other way
+_COARSE = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)]  # half of the sphere
 
 Rows = npt.NDArray[np.intp]
 
@@ -102,10 +99,17 @@ class SagFit:
             term.name: (float(self.estimate.belief.x[column[term.name]]), float(sigma[column[term.name]])) for term in self.softness.terms
         }
 
+    def urdf(self) -> bytes:
+        """The calibrated URDF of the joint fit; of use with its compensation alone."""
+        return with_origins(self.calibration.robot.description, self.errors.corrected_origins(self.estimate.belief.x))
 
-def gravity_matters(weighed: WeighedRobot, q: Matrix) -> bool:
-    """Whether gravity bends any joint of the way at all."""
-    return bool(gravity_terms(weighed.robot.chain, weighed.moments(q)))
+    def compensation(self) -> Compensation:
+        """The deflections, with the calibrated robot that they belong to."""
+        return in_memory(self.calibration.robot, self.urdf(), self.softness, self.soft_values)
+
+    def files(self, urdf_name: str) -> tuple[bytes, bytes]:
+        """URDF and compensation to write, each with the hash of the other; the URDF stands beside the compensation under this name."""
+        return compensation_files(self.urdf(), urdf_name, self.calibration.robot, self.softness, self.gravity, self.soft_values)
 
 
 def fit_sag(
@@ -163,6 +167,13 @@ class _Fitted:
     def log_evidence(self) -> float:
         return log_evidence(self.model.linearise(self.estimate.belief.x), self.estimate, self.errors)
 
+    @property
+    def bends(self) -> float:
+        """How surely the joints bend the way that gravity pulls them: sum of deflections over the root of their variances, [sigmas]."""
+        own = [self.errors.names.index(term.name) for term in self.terms if term.axis is None and term.largest]
+        P = self.estimate.belief.P[np.ix_(own, own)]
+        return float(self.estimate.belief.x[own].sum() / np.sqrt(P.sum())) if own else 0.0
+
 
 class _Setup:
     """What all the fits of one calibration share."""
@@ -215,19 +226,54 @@ class _Setup:
         return HeldOut(geometry, sag, folds)
 
     def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
-        """A warning if the data prefer another direction of gravity."""
+        """A warning if the data prefer another direction of gravity; one and its opposite differ in the signs of all deflections."""
+        root = self.calibration.robot.tree.root
         gains = {}
-        for name, direction in _DIRECTIONS.items():
+        for axis, direction in _AXES.items():
             other = replace(gravity, direction=direction)
-            if not np.allclose(direction, gravity.direction, atol=1e-3) and (terms := self.gravity_terms(other)):
-                gains[name] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
-        best = max(gains, key=lambda name: gains[name], default="")
+            if abs(np.dot(direction, gravity.direction)) < 0.9 and (terms := self.gravity_terms(other)):
+                gains[axis] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
+        best = max(gains, key=lambda axis: gains[axis], default="")
         if best and gains[best] > LEAST_GAIN:
-            root, numbers = self.calibration.robot.tree.root, ",".join(f"{part:g}" for part in _DIRECTIONS[best])
             yield (
                 f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gains[best]:+.0f}); "
-                f"if the robot hangs or stands so, say --gravity {numbers}"
+                "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
             )
+        elif whole.bends < _UPWARD:
+            yield f"the joints bend against gravity; does the robot hang from its root link '{root}'? say --gravity X,Y,Z if it does"
+
+
+def estimated_gravity(calibration: FitResult, rng: np.random.Generator | None = None) -> Gravity:
+    """The direction of gravity that makes the data most probable, from a coarse look all round and then downhill.
+
+    Its sign is the one with which most joints bend the way that they are pulled.
+
+    Args:
+        calibration: Geometry alone.
+        rng: Draws configurations within the joints' range; seeded by default.
+    """
+    from scipy.optimize import minimize
+
+    setup = _Setup(calibration, rng or np.random.default_rng(0))
+
+    def fitted(vector: Vector) -> _Fitted | None:
+        gravity = Gravity(_unit(vector))
+        terms = setup.gravity_terms(gravity)
+        return setup.fit(terms, gravity) if terms else None
+
+    def loss(vector: Vector) -> float:
+        found = fitted(vector)
+        return -found.log_evidence if found is not None else np.inf
+
+    start = np.array(min(_COARSE, key=lambda vector: loss(np.array(vector, dtype=float))), dtype=float)
+    best = minimize(loss, start / np.linalg.norm(start), method="Nelder-Mead", options={"xatol": 5e-3, "fatol": 0.1, "maxfev": 80}).x
+    found = fitted(best)
+    return Gravity(_unit(-best if found is not None and found.bends < 0 else best))
+
+
+def _unit(vector: Vector) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(vector) / np.linalg.norm(vector)).tolist()
+    return x, y, z
 
 
 def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:

@@ -28,12 +28,14 @@ from urdfcal.commands.options import (
     Estimate,
     Fix,
     Formats,
+    GravityOption,
     JointSigma,
     Json,
     Lasers,
     Model,
     Only,
     PackageDirs,
+    Payloads,
     PriorBeams,
     PriorJoint,
     PriorMount,
@@ -49,10 +51,13 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
-from urdfcal.errors import FitRejected
+from urdfcal.errors import FitRejected, UsageError
 
 if TYPE_CHECKING:
-    pass
+    from collections.abc import Sequence
+
+    from urdfcal.calibration import Calibration
+    from urdfcal.sag import SagFit
 
 
 def fit(
@@ -109,6 +114,25 @@ def fit(
     report: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json.", show_default=False)
     ] = None,
+    sag: Annotated[
+        bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
+    ] = True,
+    gravity: GravityOption = None,
+    payload: Payloads = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TERM",
+            help="With sag, also try scale (of encoders), eccentricity or approach (direction of the last move); repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    compensation: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="YAML", help="Write the sag for control code, and beside it the URDF of the joint fit, as a pair.", show_default=False
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
     reference: Reference = None,
     reference_known: Annotated[
@@ -137,6 +161,7 @@ def fit(
     from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
     from urdfcal.report_files import report_bytes, require_report_ending
+    from urdfcal.sag_report import sag_blocks, sag_json
     from urdfcal.validation import coverage_warnings
     from urdfcal.validation import holdout as hold_out
     from urdfcal.validation import kfold as cross_validate
@@ -147,7 +172,8 @@ def fit(
     record = plan.main.parent / f"{plan.stem}_calibration.yaml"
     if report is not None:
         require_report_ending(report)
-    places = (*plan.places.values(), record, *([report] if report else []))
+    pair = [compensation, compensation.with_suffix(".urdf")] if compensation else []
+    places = (*plan.places.values(), record, *([report] if report else []), *pair)
     require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from))
     unmeasured = arm
     arm, data = measured(unmeasured, measurements, rig_file, reference, target)
@@ -188,7 +214,10 @@ def fit(
         workspace_accuracy(arm, calibration, tool, np.random.default_rng(seed)) if tool is not None else None,
         cross_validate(arm, data, kfold, np.random.default_rng(seed), **how) if kfold is not None else None,
     )
-    warn(calibration.warnings, quiet)
+    bent = sagging(calibration, sag or compensation is not None, gravity, payload, also) if not calibration.rejection else None
+    if compensation is not None and bent is None:
+        raise UsageError("--compensation: gravity bends no joint of this robot, so there is nothing to write")
+    warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if force:
         warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
@@ -198,10 +227,39 @@ def fit(
     warn(deployed.warnings(plan), quiet)
     if report is not None:
         files[report] = report_bytes(report, calibration, sys.argv)
+    if compensation is not None and bent is not None:
+        files |= dict(zip(reversed(pair), bent.files(pair[1].name), strict=True))
     write_together(files)
     written = {"files": {name: str(place) for name, place in {**plan.places, "calibration": record}.items()}}
-    machine = calibration_json(calibration) | extra.machine() | written if as_json else None
-    show(machine, [*calibration_blocks(calibration), *extra.blocks()])
+    if as_json:
+        show(calibration_json(calibration) | extra.machine() | written | {"sag": sag_json(bent) if bent else None}, [])
+    else:
+        show(None, [*calibration_blocks(calibration), *(sag_blocks(bent, str(compensation or "")) if bent else []), *extra.blocks()])
     say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in plan.places else ""), sys.stdout)
     if calibration.rejection:
         raise typer.Exit(FitRejected.exit_code)
+
+
+def sagging(
+    calibration: Calibration, wanted: bool, gravity: str | None, payloads: Sequence[str] | None, also: Sequence[str] | None
+) -> SagFit | None:
+    """The joint fit of geometry and sag, if it is wanted and gravity bends anything.
+
+    Raises:
+        UsageError: an option means nothing here.
+    """
+    from urdfcal.gravity import Gravity, parse_gravity, parse_payload
+    from urdfcal.sag import estimated_gravity, fit_sag
+    from urdfcal.softness import EXTRAS
+
+    hung = dict(parse_payload(text) for text in payloads or ())
+    for term in also or ():
+        if term not in EXTRAS:
+            raise UsageError(f"--also {term}: there are: {', '.join(EXTRAS)}")
+    estimate = gravity == "estimate"
+    direction = Gravity().direction if gravity is None or estimate else parse_gravity(gravity)
+    if not wanted:
+        return None
+    if estimate:
+        direction = estimated_gravity(calibration).direction
+    return fit_sag(calibration, Gravity(direction, hung), extras=also or ())

@@ -64,4 +64,5 @@ def _mosaic(level: Light) -> Light:
     raw = level[..., 1].copy()
     raw[::2, ::2], raw[1::2, 1::2] = level[::2, ::2, 0], level[1::2, 1::2, 2]
     sixteen = np.rint(raw * 65535).astype(np.uint16)
-    return np.asarray(cv2.cvtColor(sixteen, cv2.COLOR_BayerBG2RGB_EA), dtype=np.float32) / 65535
+    full: Light = cv2.cvtColor(sixteen, cv2.COLOR_BayerBG2RGB_EA).astype(np.float32) / np.float32(65535)
+    return full

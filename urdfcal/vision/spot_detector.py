@@ -40,6 +40,7 @@ class SpotLimits:
 
     Attributes:
         largest: Greatest standard width along the longer axis, [px].
+        unclipped: The same where the core is not clipped, of `largest`: laser light that spreads widely is bright, a reflection is not.
         elongation: Greatest ratio of the axes: beams and camera at 60 deg make 4.
         peak: Least height over the neighbourhood, in its noise.
         height: The same in grey levels of 255.
@@ -56,6 +57,7 @@ class SpotLimits:
     """
 
     largest: float = 15.0
+    unclipped: float = 1 / 3
     elongation: float = 4.5
     peak: float = 12.0
     height: float = 10.0
@@ -238,7 +240,7 @@ class _Window:
                 self.candidate.radius,
                 self.grain,
             )
-        return fit_spot(self.opponent[None], ~self.clipped.any(axis=2)[None], start, self.candidate.radius, self.grain)
+        return fit_spot(self.opponent[None], np.asarray(~self.clipped.any(axis=2))[None], start, self.candidate.radius, self.grain)
 
     def _shape(self, fitted: FittedSpot) -> str:
         """Whether the fitted light is where, as large, as round and as smooth as a spot's."""
@@ -249,15 +251,15 @@ class _Window:
             return "no peak"
         if float(np.minimum(at - 1, np.array(self.size) - 2 - at).min()) < shorter:
             return "cut by the picture's edge"
-        if longer > limits.largest:
-            return f"{longer:.0f} px wide"
+        share = self._clipped_share(fitted)
+        if longer > limits.largest * _between(limits.unclipped, 1.0, share):
+            return f"{longer:.0f} px wide{' and hardly clipped' if longer <= limits.largest else ''}"
         if shorter < _LEAST_WIDTH:
             return "a single pixel"
         if longer > limits.elongation * max(shorter, 0.7):
             return f"{longer / shorter:.1f} times as long as wide"
         noisy = 2.5 * self.grain
-        share = self._clipped_share(fitted)
-        if fitted.misfit > max(_between(limits.misfit, limits.misfit_clipped, share) * min(self.top, fitted.core[0]), noisy):
+        if fitted.misfit > max(_between(limits.misfit, limits.misfit_clipped, share) * self.top, noisy):
             return "no spot's shape"
         if fitted.explained < _between(limits.explained, limits.explained_clipped, share):
             return f"a spot explains {max(fitted.explained, 0):.0%} of it"

@@ -70,10 +70,9 @@ def _colour_excess(picture: Picture, colour: int, largest: float) -> Image:
     excess = light[..., colour] - np.maximum(light[..., others[0]], light[..., others[1]])
     clipped = picture.clipped[..., colour].astype(np.uint8)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(clipped)
-    labels, stats = np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32)
     small = (stats[:, cv2.CC_STAT_AREA] <= np.pi * largest**2) & (np.arange(count) > 0)
     if small.any():
-        _fill(excess, labels, stats, np.flatnonzero(small))
+        _fill(excess, np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32), np.flatnonzero(small))
     return np.ascontiguousarray(excess)
 
 
