@@ -32,11 +32,12 @@ from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.meshcat_parts import umsgpack
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robot_shapes import robot_shapes
-from urdfcal.scene import Scene, beams_of, configurations, screen_placements
+from urdfcal.scene import Scene, beams_of, screen_placements
 from urdfcal.scene_motion import _mirror
 from urdfcal.simulation import ScreenArea, draw_poses, joint_limits, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
 from urdfcal.viewer import View, view_of
+from urdfcal.whole_robot import whole_configurations
 
 Run = Callable[..., "object"]
 ARM7 = Path(__file__).parents[1] / "robots" / "arm7"
@@ -78,7 +79,7 @@ def test_beams_are_those_of_the_whole_robot(robots: dict[str, Robot], name: str,
     robot = robots[name]
     lower, upper = joint_limits(robot)
     q = rng.uniform(lower, upper, (5, len(lower)))
-    beams, whole = beams_of(robot, q), configurations(robot, q)
+    beams, whole = beams_of(robot, q), whole_configurations(robot, q)
     data = robot.model.createData()
     for pose, (placed, configuration) in enumerate(zip(screen_placements(robot, whole), whole, strict=True)):
         pin.framesForwardKinematics(robot.model, data, configuration)
@@ -249,7 +250,7 @@ def test_both_robots_stand_before_the_one_screen_that_is_drawn(root: str) -> Non
 
     own = robot if root == "nominal" else corrected
     frames = own.model.createData()
-    pin.framesForwardKinematics(own.model, frames, configurations(own, data.q[:1])[0])
+    pin.framesForwardKinematics(own.model, frames, whole_configurations(own, data.q[:1])[0])
     screen, module = (frames.oMf[own.model.getFrameId(link, pin.FrameType.BODY)] for link in ("screen", "slm"))
     T_slm_box = view.shapes.T_link_shape[view.shapes.model.getGeometryId("slm_box")]
     assert_poses_close(drawn("screen").actInv(drawn(root) * drawn(f"{root}/visuals/slm_box")), screen.actInv(module * T_slm_box))

@@ -31,6 +31,7 @@ from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
 from urdfcal.nominal import nominal_fit, with_new_places
 from urdfcal.report import text_report
+from urdfcal.readings import START_SIGMA
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robust import degrees, robust_scale, squared_distances
 from urdfcal.slots import Kind
@@ -166,6 +167,7 @@ def fit(
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
     _check(robot, data, spot_sigma)
+    _check_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
@@ -175,9 +177,9 @@ def fit(
     errors = nominal.errors
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
     prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
-    method = replace(method, start=nominal.x)
+    method = replace(method, start=_start_of_pixels(fit_set, errors, noise, sane) if _in_pixels(fit_set) else nominal.x)
     found = method.run(model, prior, noise)
-    if fit_set.lasers and not (method.label == "ekf, paper" or _explains(model, found, noise)):
+    if fit_set.seen.any() and not (method.label == "ekf, paper" or _explains(model, found, noise)):
         begun = _begin(model, noise, sane)
         errors, method = begun.errors, replace(method, start=begun.x)
         model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
@@ -324,6 +326,39 @@ def _large_scales(chosen: Evidence | None) -> tuple[str, ...]:
         return ()
     sizes = ", ".join(f"{name} {scales[name] / MM:.3g} {'mm' if name == 'translation' else 'mrad'}" for name in large)
     return (f"the data ask for joint errors far larger than robots have ({sizes}); check the URDF, the joints' units, zeros and signs",)
+
+
+def _in_pixels(data: Measurements) -> bool:
+    """Whether spots were read as pixels."""
+    return any(data.of_laser(each) for each in data.readings)
+
+
+def _check_camera(data: Measurements) -> None:
+    if _in_pixels(data) and getattr(data.camera, "T_camera_screen", None) is None:
+        raise UsageError("the camera knows no screen; add it with `urdfcal camera --lens CAMERA.yaml --screen IMAGE --markers screen.yaml`")
+
+
+def _start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: bool) -> Vector:
+    """Where to begin with spots in pixels: at the fit of the spots that the camera makes of them on the screen as it is calibrated."""
+    spots = as_spots(data)
+    rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))
+    alone = Noise(START_SIGMA["spot"], noise.joint_sigma, False)
+    model = SpotModel(rest, spots, joints=bool(np.any(noise.joint_sigma)))
+    found = Method().run(model, Belief(rest.mean, np.diag(rest.sigma**2)), alone)
+    x = found.belief.x if _explains(model, found, alone) else _begin(model, alone, sane).x
+    known = dict(zip(rest.names, x, strict=True))
+    return np.array([known.get(parameter.name, parameter.mean) for parameter in errors.parameters])
+
+
+def as_spots(data: Measurements) -> Measurements:
+    """Measurements with spots in pixels turned into spots on the screen, where the camera's calibration has it; nothing else is kept."""
+    spots, sigma = data.spots.copy(), data.sigma.copy()
+    for each in (each for each in data.readings if data.of_laser(each)):
+        laser = data.lasers.index(each.link)
+        rows = np.flatnonzero(each.seen)
+        spots[rows, laser] = data.camera.spots_of_pixels(each.values[rows])
+        sigma[rows, laser] = np.nan
+    return replace(data, spots=spots, sigma=sigma, readings=(), lengths=())
 
 
 def _explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:

@@ -46,6 +46,7 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "target": PriorScale(1.0, 1.0),
     "place": PriorScale(1.0, 1.0),
     "soft": PriorScale(1e-3, 1e-3),
+    "camera": PriorScale(5 * MM, 0.5 * DEG),
 }
 SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
 INSTRUMENTS = ("reference", "target", "place")  # what moves no beam

@@ -17,7 +17,7 @@ from urdfcal.errors import RigError, UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import Matrix
 from urdfcal.rig import Rig
-from urdfcal.slots import BEAMS, BEAMS4, MODELS, Kind, Slot, beam_slots, require_screen_slot, slots_of
+from urdfcal.slots import BEAMS, BEAMS4, MODELS, SIX, Kind, Slot, beam_slots, require_screen_slot, slots_of
 
 CONFIGURATIONS = 50
 _DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
@@ -98,7 +98,7 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
         slots += beam_slots(chain, BEAMS4 if "beams4" in options.estimate else BEAMS)
     screen_wanted = chain.screen_joint is not None or "screen" in options.estimate
     offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
-    stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors)], options)
+    stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors), *_camera(rig)], options)
     free = [parameter for parameter in stated if parameter.name not in fixed]
     if not free:
         raise UsageError("nothing is left to estimate: every parameter is fixed")
@@ -225,6 +225,15 @@ def _places(rig: Rig, priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
         Parameter(f"{place.name}.{name}", unit, "place", 0.0, priors["place"].sigma(unit))
         for place in rig.instruments.places
         for name, unit in zip(place.names, place.units, strict=True)
+    ]
+
+
+def _camera(rig: Rig) -> list[Parameter]:
+    """The errors of the screen's place in front of the camera, where spots were read as pixels."""
+    sigmas = rig.instruments.camera_sigma
+    return [
+        Parameter(f"camera.{name}", unit, "camera", 0.0, sigma)
+        for name, unit, sigma in zip(SIX, ("m",) * 3 + ("rad",) * 3, sigmas or (), strict=bool(sigmas))
     ]
 
 

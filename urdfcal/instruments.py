@@ -49,12 +49,15 @@ class Instruments:
         reference: Link that the measuring frame stands on; the empty string for the default: `tracker`, or the root.
         placed: Whether targets are seen from a measuring frame, so that its placement matters.
         places: What several poses have in common.
+        camera_sigma: Standard deviations of the six errors of the screen's place in front of a camera that reads laser spots as pixels,
+            [m] and [rad]; empty without such a camera.
     """
 
     targets: tuple[Target, ...] = ()
     reference: str = ""
     placed: bool = False
     places: tuple[Place, ...] = ()
+    camera_sigma: tuple[float, ...] = ()
 
 
 NONE = Instruments()

@@ -47,6 +47,7 @@ _NOUNS = {
     "distance": ("distance", "distances"),
     "plane": ("touch of a plane", "touches of planes"),
     "socket": ("touch of a socket", "touches of sockets"),
+    "pixel": ("spot or target in a picture", "spots or targets in pictures"),
 }
 _LENGTHS = {"m": 1.0, "mm": MM}
 _ANGLES = {"rad": 1.0, "deg": DEG}
@@ -77,6 +78,7 @@ class Measurements:
         reference: Link that the measuring frame stands on; the empty string for the default.
         lengths: Known distances between sockets.
         payload: Mass that the arm carried at each pose, (n,), [kg]; None where nothing is said.
+        camera: What pixels were read with: a `vision.camera_model.Camera`.
         approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
     """
 
@@ -97,6 +99,11 @@ class Measurements:
     lengths: tuple[KnownLength, ...] = ()
     payload: Vector | None = None
     approach: Matrix | None = None
+    camera: Any = None
+
+    def of_laser(self, readings: Readings) -> bool:
+        """Whether readings are the pixels of a laser's spots."""
+        return readings.kind == "pixel" and readings.link in self.lasers
 
     def __post_init__(self) -> None:
         n = len(self.q)
@@ -151,7 +158,7 @@ class Measurements:
     @cached_property
     def instruments(self) -> Instruments:
         """What the readings were made with."""
-        return instruments_of(self.readings, self.reference)
+        return instruments_of(self.readings, self.reference, self.lasers, self.camera)
 
     @property
     def session_names(self) -> tuple[str, ...]:
@@ -217,20 +224,23 @@ def measurements_from(
     )
 
 
-def read_measurements(path: str | Path, robot: Robot, *, reference: str | None = None, target: str | None = None) -> Measurements:
+def read_measurements(
+    path: str | Path, robot: Robot, *, reference: str | None = None, target: str | None = None, camera: Any = None
+) -> Measurements:
     """Read measurements from CSV: one row a pose, one column a joint, and what was measured by the columns' endings.
 
     Args:
         path: The file.
         robot: Whose joints and links the columns are named after.
         reference: Link that the measuring frame of points and orientations stands on; by default `tracker`, or the root.
+        camera: What pixels were read with, a `vision.camera_model.Camera`; spots of lasers with pixels are then taken from these.
         target: Link that columns named x1, y1, z1, phix1, phiy1, phiz1 (figaroh's) belong to.
 
     Raises:
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
-    return _Reader(Path(path), robot, reference or "", target or "").read()
+    return _Reader(Path(path), robot, reference or "", target or "", camera).read()
 
 
 def write_measurements(path: str | Path, data: Measurements, comments: Iterable[str] = ()) -> None:
@@ -267,8 +277,8 @@ def _label(text: str) -> str:
 class _Reader:
     """Reads one file; keeps what every message needs."""
 
-    def __init__(self, path: Path, robot: Robot, reference: str, target: str) -> None:
-        self.path, self.robot, self.reference, self.target = path, robot, reference, target
+    def __init__(self, path: Path, robot: Robot, reference: str, target: str, camera: Any) -> None:
+        self.path, self.robot, self.reference, self.target, self.camera = path, robot, reference, target, camera
         self.warnings: list[str] = []
 
     def fail(self, line: int | None, column: str, message: str) -> MeasurementError:
@@ -327,7 +337,10 @@ class _Reader:
         self.width = len(header)
         self.header_line = line
         spots_only = (laser for laser in (*self.laser_candidates(), *lasers_by_name(self.robot.tree)) if f"{laser}.x" not in self.index)
-        self.columns = target_columns(self.index, self.robot, tuple(spots_only))
+        columns = target_columns(self.index, self.robot, tuple(spots_only))
+        pixels = ("pixel", "sigma_px")
+        self.columns = columns if self.camera is not None else tuple(column for column in columns if column.kind not in pixels)
+        self.unused_pixels = tuple(column.name for column in columns if column not in self.columns)
         self.choose_instruments()
         self.check_columns()
 
@@ -347,10 +360,16 @@ class _Reader:
     def choose_instruments(self) -> None:
         """The robot as these measurements see it: with lasers if there are spots, or nothing else; with the targets that are named."""
         kinds = tuple(dict.fromkeys((column.target, column.kind) for column in self.columns))
+        pixels = {column.target for column in self.columns if column.kind == "pixel"}
         spots = any(f"{laser}.{axis}" in self.index for laser in self.laser_candidates() for axis in "yz")
+        spots |= any(laser in pixels for laser in self.laser_candidates())
+        if not kinds and not spots and self.unused_pixels:
+            way_out = "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
+            raise self.fail(self.header_line, self.unused_pixels[0], way_out)
         blank = tuple(blank_readings(column, target, kind) for target, kind in kinds for column in self.columns if column.target == target)
         if kinds:
-            self.robot = self.robot.seen_by(instruments_of(blank, self.reference), self.robot.lasers if spots else ())
+            lasers = self.laser_candidates() if spots else ()
+            self.robot = self.robot.seen_by(instruments_of(blank, self.reference, lasers, self.camera), self.robot.lasers if spots else ())
         self.joints, self.lasers = self.robot.chain.inputs, self.robot.rig.lasers
 
     def check_columns(self) -> None:
@@ -361,10 +380,13 @@ class _Reader:
                     joint.name,
                     f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}",
                 )
+        pixels = {column.target for column in self.columns if column.kind == "pixel"}
         known = {
+            *self.unused_pixels,
             "set",
             "session",
-            "pose", "payload",
+            "pose",
+            "payload",
             *(column.name for column in self.columns),
             *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid),
         }
@@ -373,13 +395,13 @@ class _Reader:
             known |= {y, z, f"{laser}.sigma"}
             if (y in self.index) != (z in self.index):
                 raise self.fail(self.header_line, z if y in self.index else y, f"is missing; a spot of {laser} needs {y} and {z}")
-        self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index]
-        if self.lasers and not self.seen_lasers:
+        self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index and laser not in pixels]
+        if self.lasers and not self.seen_lasers and not pixels:
             raise self.fail(
                 self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z"
             )
         for laser in self.lasers:
-            if laser not in self.seen_lasers:
+            if laser not in self.seen_lasers and laser not in pixels:
                 self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
         for name in self.index:
             if name not in known:
@@ -426,6 +448,7 @@ class _Reader:
             warnings=tuple(self.warnings),
             readings=readings,
             reference=self.reference,
+            camera=self.camera,
             payload=self.payload_column(lines, columns["payload"]) if "payload" in columns else None,
             approach=np.sign(np.diff(q, axis=0, prepend=q[:1])),
         )
@@ -444,15 +467,17 @@ class _Reader:
         """What instruments beside lasers read."""
         by_target: dict[tuple[str, str], dict[str, TargetColumn]] = {}
         for column in self.columns:
-            if column.kind != "sigma":
+            if not column.kind.startswith("sigma"):
                 by_target.setdefault((column.target, column.kind), {})[column.what] = column
         for (target, kind), own in by_target.items():
             self.require_whole(kind, own)
-            stated = next((column.name for column in self.columns if (column.target, column.kind) == (target, "sigma")), None)
+            wanted = "sigma_px" if kind == "pixel" else "sigma"
+            stated = next((column.name for column in self.columns if (column.target, column.kind) == (target, wanted)), None)
             n, link = len(lines), next(iter(own.values())).link
             sigma = np.full(n, np.nan)
             if stated is not None and kind != "orientation":
-                sigma = self.sigma_column(stated, lines, columns[stated])
+                units = _LENGTHS if kind != "pixel" else {"": 1.0, "px": 1.0}
+                sigma = self.sigma_column(stated, lines, columns[stated], units)
             if kind in ("plane", "socket"):
                 labels = np.array(columns[own[kind].name], dtype=str)
                 yield Readings(kind, target, link, np.empty((n, 0)), labels, sigma)
@@ -462,7 +487,7 @@ class _Reader:
             yield Readings(kind, target, link, values, np.full(n, ""), sigma)
 
     def target_numbers(self, column: TargetColumn, lines: list[int], cells: list[str]) -> Any:
-        allowed = _LENGTHS if column.what in LENGTH_WORDS else _ANGLES if column.what in ANGLE_WORDS else {"": 1.0}
+        allowed = _LENGTHS if column.what in LENGTH_WORDS else _ANGLES if column.what in ANGLE_WORDS else {"": 1.0, "px": 1.0}
         factor = self.unit(column.name, allowed)
         return self.numbers(column.name, lines, cells, factor, "leave the cell empty if it was not read", empty=True)
 
@@ -478,6 +503,8 @@ class _Reader:
             return np.column_stack([numbers.get(axis, np.full(len(lines), np.nan)) for axis in "xyz"])
         if kind == "distance":
             return numbers["distance"][:, None]
+        if kind == "pixel":
+            return self.pixel_pair(numbers, own, lines)
         words = QUATERNION if QUATERNION[0] in numbers else ROLL_PITCH_YAW
         table = np.column_stack([numbers[word] for word in words])
         partly = np.isnan(table).any(axis=1) & ~np.isnan(table).all(axis=1)
@@ -494,6 +521,18 @@ class _Reader:
             found = f"the quaternion has length {length[row]:.4g}, expected 1 (x, y, z, w)"
             raise self.fail(lines[row], own[words[0]].name, found)
         return table / length[:, None]
+
+    def pixel_pair(self, numbers: dict[str, Any], own: dict[str, TargetColumn], lines: list[int]) -> Any:
+        for word in "uv":
+            if word not in numbers:
+                name = next(iter(own.values())).target
+                raise self.fail(self.header_line, f"{name}.{word}", "is missing; a spot or target in a picture needs .u and .v")
+        lone = np.isnan(numbers["u"]) != np.isnan(numbers["v"])
+        if lone.any():
+            row = int(np.argmax(lone))
+            word = "u" if np.isnan(numbers["u"][row]) else "v"
+            raise self.fail(lines[row], own[word].name, "the cell is empty and its other one is not; leave both empty if it was not seen")
+        return np.column_stack([numbers["u"], numbers["v"]])
 
     def unit(self, name: str, allowed: dict[str, float]) -> float:
         unit = self.units.get(name, next(iter(allowed)))
@@ -555,8 +594,8 @@ class _Reader:
             raise self.fail(lines[row], f"{laser}.{axis}", f"the cell is empty and the beam's other one is not; {way_out}")
         return np.column_stack(pair)
 
-    def sigma_column(self, name: str, lines: list[int], cells: list[str]) -> Any:
-        values = self.numbers(name, lines, cells, self.unit(name, _LENGTHS), "expected a standard deviation, or nothing", empty=True)
+    def sigma_column(self, name: str, lines: list[int], cells: list[str], units: dict[str, float] = _LENGTHS) -> Any:
+        values = self.numbers(name, lines, cells, self.unit(name, units), "expected a standard deviation, or nothing", empty=True)
         wrong = values < _LEAST_SIGMA
         if wrong.any():
             row = int(np.argmax(wrong))

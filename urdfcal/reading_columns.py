@@ -24,7 +24,11 @@ _KINDS = {
     "plane": "plane",
     "socket": "socket",
     "sigma": "sigma",
+    "u": "pixel",
+    "v": "pixel",
+    "sigma_px": "sigma_px",
 }
+_PIXELS = ("u", "v", "sigma_px")
 _FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
 _FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
 
@@ -38,7 +42,7 @@ class TargetColumn:
         target: The target's name.
         link: The link that it is on.
         what: The name's ending.
-        kind: What is read, or `sigma`.
+        kind: What is read, or `sigma`, or `sigma_px`.
     """
 
     name: str
@@ -49,14 +53,14 @@ class TargetColumn:
 
 
 def target_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[TargetColumn, ...]:
-    """The columns that mean a target on a link of this robot; those of lasers are not among them."""
+    """The columns that mean a target on a link of this robot; of lasers, only their pixels are among them."""
     found = []
     for name in names:
         target, dot, what = name.rpartition(".")
         link = target if target in robot.tree.links else target.rpartition(":")[0]
-        if dot and what in _KINDS and link in robot.tree.links and target not in lasers:
+        if dot and what in _KINDS and link in robot.tree.links and (target not in lasers or what in _PIXELS):
             found.append(TargetColumn(name, target, link, what, _KINDS[what]))
-    read = {column.target for column in found if column.kind != "sigma"}
+    read = {column.target for column in found if not column.kind.startswith("sigma")}
     return tuple(column for column in found if column.target in read)
 
 
@@ -89,11 +93,11 @@ def written_columns(readings: Readings) -> list[tuple[str, list[str]]]:
     if readings.kind in ("plane", "socket"):
         columns.append((f"{name}.{readings.kind}", [" ".join(str(label).split()) for label in readings.labels]))
     else:
-        words = {"point": ("x", "y", "z"), "orientation": QUATERNION, "distance": ("distance",)}[readings.kind]
+        words = {"point": ("x", "y", "z"), "orientation": QUATERNION, "distance": ("distance",), "pixel": ("u", "v")}[readings.kind]
         read = [(word, column) for word, column in zip(words, readings.values.T, strict=True) if not np.isnan(column).all()]
         columns += [(f"{name}.{word}", _cells(column)) for word, column in read]
     if not np.isnan(readings.sigma).all():
-        columns.append((f"{name}.sigma", _cells(readings.sigma)))
+        columns.append((f"{name}.{'sigma_px' if readings.kind == 'pixel' else 'sigma'}", _cells(readings.sigma)))
     return columns
 
 

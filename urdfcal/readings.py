@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.instruments import Instruments, Place, Target
 
-STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0}
+STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0, "pixel": 2}
 START_SIGMA: dict[str, float] = {
     "spot": 1.0 * MM,
     "point": 0.5 * MM,
@@ -22,9 +23,12 @@ START_SIGMA: dict[str, float] = {
     "distance": 0.5 * MM,
     "plane": 0.5 * MM,
     "socket": 0.5 * MM,
+    "pixel": 0.3,
     "length": 0.02 * MM,
 }
-SEEN_FROM_FRAME = ("point", "orientation")  # what is read in the axes of a measuring frame
+LEAST_CAMERA = np.repeat([0.1 * MM, 1e-4], 3)  # [m] and [rad]
+USUAL_CAMERA = np.repeat([5 * MM, 0.5 * DEG], 3)
+SEEN_FROM_FRAME = ("point", "orientation", "pixel")  # what is read in the axes of a measuring frame
 
 
 @dataclass(frozen=True)
@@ -102,12 +106,29 @@ class KnownLength:
     sigma: float = START_SIGMA["length"]
 
 
-def instruments_of(readings: Sequence[Readings], reference: str) -> Instruments:
-    """Targets, measuring frame and places that some readings need."""
-    whole = {each.target for each in readings if each.kind == "orientation"}
-    targets = {each.target: Target(each.target, each.link, each.target in whole) for each in readings}
-    places = {place.name: place for each in readings for place in each.places}
-    return Instruments(tuple(targets.values()), reference, any(each.kind in SEEN_FROM_FRAME for each in readings), tuple(places.values()))
+def instruments_of(readings: Sequence[Readings], reference: str, lasers: Sequence[str] = (), camera: Any = None) -> Instruments:
+    """Targets, measuring frame and places that some readings need.
+
+    Args:
+        readings: What was read.
+        reference: Link that the measuring frame stands on.
+        lasers: Links whose pixels are those of spots on the screen, and no targets.
+        camera: What pixels were read with.
+    """
+    spots = [each for each in readings if each.kind == "pixel" and each.link in lasers]
+    others = [each for each in readings if each not in spots]
+    whole = {each.target for each in others if each.kind == "orientation"}
+    targets = {each.target: Target(each.target, each.link, each.target in whole) for each in others}
+    places = {place.name: place for each in others for place in each.places}
+    placed = any(each.kind in SEEN_FROM_FRAME for each in others)
+    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if spots else ())
+
+
+def _camera_sigma(camera: Any) -> tuple[float, ...]:
+    """How well the screen's place in front of a camera is known: by its calibration, but no better than LEAST_CAMERA."""
+    covariance = getattr(camera, "screen_covariance", None)
+    known = USUAL_CAMERA if covariance is None else np.sqrt(np.diag(covariance))
+    return tuple(np.maximum(known, LEAST_CAMERA).tolist())
 
 
 def known_lengths(stated: Iterable[tuple[str, float]], readings: Sequence[Readings]) -> tuple[KnownLength, ...]:

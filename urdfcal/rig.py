@@ -49,7 +49,7 @@ def find_rig(
 def _with_reference(tree: UrdfTree, instruments: Instruments) -> Instruments:
     """The instruments with their reference link named, all links known to be there."""
     if not instruments.targets:
-        return instruments
+        return replace(instruments, reference="")
     for target in instruments.targets:
         tree.require_link(target.link)
     default = TRACKER if TRACKER in tree.links else tree.root

@@ -18,7 +18,6 @@ from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.robot import Robot
 from urdfcal.sensors import LEAST_ZX, spots_on_screen
-from urdfcal.urdf_tree import UrdfJoint
 
 _FAR = 1.1  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
 _LEAST_SHEET = 0.6  # [m]
@@ -158,23 +157,6 @@ def beams_of(robot: Robot, q: Matrix) -> Beams:
     return Beams(motion.source, motion.direction, spots, length)
 
 
-def configurations(robot: Robot, q: Matrix) -> Matrix:
-    """Configurations of the whole robot, (n, model.nq): measured joints as measured, mimic joints after them, others at zero."""
-    model, names = robot.model, robot.chain.input_names
-    whole = np.tile(pin.neutral(model), (len(q), 1))
-    for joint in robot.tree.joints.values():
-        if not joint.moves:
-            continue
-        leader, factor, shift = _leader(robot, joint)
-        position = factor * (q[:, names.index(leader)] if leader in names else np.zeros(len(q))) + shift
-        index = model.getJointId(joint.name)
-        start = model.idx_qs[index]
-        whole[:, start : start + model.nqs[index]] = (
-            np.stack([np.cos(position), np.sin(position)], -1) if model.nqs[index] == 2 else position[:, None]
-        )
-    return whole
-
-
 def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
     """T_root_screen of a robot at configurations (n, model.nq)."""
     model, data = robot.model, robot.model.createData()
@@ -184,15 +166,6 @@ def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
         pin.forwardKinematics(model, data, q)
         found.append(pin.updateFramePlacement(model, data, index).copy())
     return found
-
-
-def _leader(robot: Robot, joint: UrdfJoint) -> tuple[str, float, float]:
-    factor, shift = 1.0, 0.0
-    while joint.mimic is not None:
-        shift += factor * joint.mimic.offset
-        factor *= joint.mimic.multiplier
-        joint = robot.tree.joints[joint.mimic.joint]
-    return joint.name, factor, shift
 
 
 def _sheet(measured: Matrix, predicted: list[Matrix]) -> Sheet:

@@ -12,7 +12,7 @@ from urdfcal.key_frames import HELD, Clips, KeyFrames, Rows
 from urdfcal.measurements import Mask
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Beams, Scene, beams_of, configurations, screen_placements
+from urdfcal.scene import Beams, Scene, beams_of, screen_placements
 from urdfcal.scene_marks import (
     CALIBRATED,
     ERROR,
@@ -30,6 +30,7 @@ from urdfcal.scene_marks import (
     unit_arrow,
     unit_beam,
 )
+from urdfcal.whole_robot import whole_configurations
 
 _HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
 _MISS = 0.6  # length of a beam that misses, over the size of the scene
@@ -39,12 +40,12 @@ BEAM = 0.0024  # radius of a drawn beam over the size of the scene
 def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames) -> Clips:
     """Put everything that moves where it is at the first pose, and give back how it goes on."""
     clips = Clips()
-    whole = configurations(scene.solid, keys.q)
+    whole = whole_configurations(scene.solid, keys.q)
     T_root_screen = screen_placements(scene.solid, whole)
     _place(viewer, clips, "screen", keys.times, T_root_screen)
     _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
     if scene.calibrated is not None:
-        ghost = configurations(scene.robot, keys.q)
+        ghost = whole_configurations(scene.robot, keys.q)
         roots = [ours * theirs.inverse() for ours, theirs in zip(T_root_screen, screen_placements(scene.robot, ghost), strict=True)]
         _place(viewer, clips, "nominal", keys.times, roots)
         _move_robot(viewer, clips, "nominal", scene.robot, shapes, keys.times, ghost)

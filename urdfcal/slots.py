@@ -17,7 +17,7 @@ from urdfcal.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_screw, s
 from urdfcal.rig import Rig
 from urdfcal.urdf_tree import UrdfJoint
 
-Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft"]
+Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera"]
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,9 +12,10 @@ from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Block, Linearisation
+from urdfcal.pixel_spots import PixelSpots
 from urdfcal.readings import START_SIGMA
 from urdfcal.sensors import spot_jacobian, spots_on_screen
-from urdfcal.target_model import known_rows, readings_of
+from urdfcal.target_model import Reading, known_rows, readings_of
 
 Rows = slice | npt.NDArray[np.intp]
 
@@ -26,7 +29,8 @@ class SpotModel:
         self.arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
         self.positions = self.arm.chain_positions(data.q)
         self.soft_basis = errors.soft.basis(data.q, data.payload, data.approach) if errors.soft is not None else None
-        self.readings = readings_of(errors, data, first=2 * len(data.lasers))
+        targets = readings_of(errors, data, first=2 * len(data.lasers))
+        self.readings = (*targets, *self._pixel_spots(errors, data, targets))
         self.spots = slice(0, 2 * len(data.lasers))
         self.kinds = kinds_of(data)
         self.blocks = self._blocks()
@@ -66,6 +70,14 @@ class SpotModel:
         trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() else "not_finite"
         here = Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble, self.blocks)
         return known_rows(here, self.errors, self.data.lengths, x)
+
+    @staticmethod
+    def _pixel_spots(errors: ErrorModel, data: Measurements, targets: tuple[Reading, ...]) -> Iterator[PixelSpots]:
+        """Spots that were read as pixels, with their numbers behind all others."""
+        first = max([2 * len(data.lasers), *(each.columns.stop for each in targets)])
+        for own in (each for each in data.readings if data.of_laser(each)):
+            yield PixelSpots(own, data.lasers.index(own.link), data.camera, errors, first)
+            first += 2
 
     def _blocks(self) -> tuple[Block, ...]:
         """Every spot and every reading of a pose, with the index of its noise."""

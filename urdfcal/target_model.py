@@ -22,7 +22,7 @@ from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Block, Linearisation
 from urdfcal.readings import KnownLength, Readings
-from urdfcal.target_sensors import SENSORS, TargetSensor, View, skew
+from urdfcal.target_sensors import SENSORS, PixelSensor, TargetSensor, View, skew
 
 Rows = slice | npt.NDArray[np.intp]
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
@@ -118,8 +118,9 @@ def readings_of(errors: ErrorModel, data: Measurements, first: int) -> tuple[Rea
     """Every instrument's readings, with their numbers behind those of the spots."""
     names = [frame.name for frame in errors.chain.frames]
     found: list[Reading] = []
-    for own in data.readings:
-        found.append(Reading(own, SENSORS[own.kind], 1 + names[1:].index(own.target), errors, first))
+    for own in (each for each in data.readings if not data.of_laser(each)):
+        sensor = PixelSensor(data.camera) if own.kind == "pixel" else SENSORS[own.kind]
+        found.append(Reading(own, sensor, 1 + names[1:].index(own.target), errors, first))
         first += found[-1].sensor.numbers
     return tuple(found)
 

@@ -8,7 +8,7 @@ Numbers of a place that several poses share (a socket's point, a plane, the end 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -148,6 +148,20 @@ class SocketSensor:
         """See the protocol."""
         jac2 = point_jacobian(view.p)
         return Look(view.place - view.p, jac2, np.broadcast_to(-np.eye(3), (len(view.p), 3, 3)))
+
+
+class PixelSensor:
+    """A target in a picture, h = project(p); the measuring frame is the camera's: x right, y down, z ahead."""
+
+    numbers, unit, title = 2, "px", "pixels"
+
+    def __init__(self, camera: Any) -> None:
+        self.camera = camera
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the protocol."""
+        jac2 = self.camera.project_jacobian(view.p) @ point_jacobian(view.p)
+        return Look(values - self.camera.project(view.p), jac2, _nothing(jac2))
 
 
 SENSORS: dict[str, TargetSensor] = {

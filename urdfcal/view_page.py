@@ -15,13 +15,14 @@ from urdfcal.key_frames import KeyFrames, SetClips, key_frames
 from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Scene, Sheet, configurations, screen_placements
+from urdfcal.scene import Scene, Sheet, screen_placements
 from urdfcal.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
 from urdfcal.scene_motion import draw_motion, draw_pose_marks
 from urdfcal.view_camera import choose_direction
 from urdfcal.view_legend import panel_html, pose_entries
 from urdfcal.view_recorder import Recorder
 from urdfcal.view_style import SCRIPT, STYLE
+from urdfcal.whole_robot import whole_configurations
 
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _GHOST_OPACITY = 0.3
@@ -75,7 +76,7 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
         warnings.simplefilter("ignore", FutureWarning)
         robot.loadViewerModel("solid")
-    robot.display(configurations(scene.solid, keys.q[:1])[0])
+    robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
     draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
     draw_spots(tab["screen/spots"], scene)
     draw_all_beams(tab["screen/beams"], scene)
@@ -106,9 +107,9 @@ def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
 
 def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet and the lasers in all."""
-    whole = configurations(scene.solid, q[None])
+    whole = whole_configurations(scene.solid, q[None])
     rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
-    placed = screen_placements(scene.solid, configurations(scene.solid, scene.data.q[rows]))
+    placed = screen_placements(scene.solid, whole_configurations(scene.solid, scene.data.q[rows]))
     corners, sources = _with_numbers(scene.sheet), scene.shown.source
     seen = [_in_root(T, np.concatenate([corners, sources[row]])) for T, row in zip(placed, rows, strict=True)]
     points = np.unique(np.round(np.concatenate([shapes.corners(scene.solid, whole[0]), *seen]), 3), axis=0)

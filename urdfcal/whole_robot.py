@@ -28,8 +28,9 @@ def whole_configurations(robot: Robot, q: Matrix) -> Matrix:
             mimic = robot.tree.joints[leader].mimic
             assert mimic is not None
             leader, factor, shift = mimic.joint, factor * mimic.multiplier, shift + factor * mimic.offset
-        if leader in column and joint.moves and model.existJointName(joint.name):
-            _set(model, whole, joint.name, factor * q[:, column[leader]] + shift)
+        if joint.moves and model.existJointName(joint.name):
+            own = q[:, column[leader]] if leader in column else np.zeros(len(q))
+            _set(model, whole, joint.name, factor * own + shift)
     return whole
 
 

@@ -10,22 +10,21 @@ places stand anywhere. Unseen readings are without noise, so that what is off is
 from __future__ import annotations
 
 import argparse
-import resource
 import subprocess
 import sys
-import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from urdfcal.calibration import fit
+from urdfcal.calibration import Calibration, fit
 from urdfcal.error_model import PriorScale
-from urdfcal.error_table import rms_mm
+from urdfcal.error_table import error_table, rms_mm
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM
 from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import ReadingNoise, simulate_readings
+from urdfcal.readings import KnownLength
 from urdfcal.robot import Robot, load_robot
 from urdfcal.simulated_setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
 from urdfcal.spot_model import SpotModel
@@ -44,6 +43,7 @@ SENSORS = {
     "distance": ("distance:tool0",),
     "plane": ("plane:tool0:probe",),
     "socket": ("socket:tool0:ball",),
+    "socket, a length known": ("socket:tool0:ball",),
     "socket and point": ("socket:tool0:ball", "point:tool0"),
     "laser and point": ("laser", "point:tool0"),
 }
@@ -86,6 +86,9 @@ def setup_of(robot: Robot, name: str, truth: np.ndarray | None, rng: np.random.G
 def measured(setup: SimulatedSetup, name: str, poses: int, rng: np.random.Generator, noise: ReadingNoise | None = None) -> Measurements:
     """Readings of the sensors of that name."""
     data = simulate_readings(setup, poses, rng, noise)
+    if name == "socket, a length known":
+        apart = float(np.linalg.norm(setup.place("socket:1") - setup.place("socket:2")))
+        return replace(data, lengths=(KnownLength("socket:1", "socket:2", apart),))
     if name != "point, no z":
         return data
     flat = data.readings[0].values.copy()
@@ -106,7 +109,7 @@ def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None
     rows[len(unseen) :] = False
     true_noise = {"spot": NOISE.spot, "orientation": NOISE.angle}
     sigma = dict(zip(model.kinds, found.estimate.noise.sigma.tolist(), strict=True))
-    after = rms_mm(found_table(here, unseen))
+    after = rms_mm(error_table(here, len(unseen)))
     return Run(
         {kind: value / true_noise.get(kind, NOISE.length) for kind, value in sigma.items()},
         held(setup, found) if truth is None else np.empty(0),
@@ -116,14 +119,7 @@ def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None
     )
 
 
-def found_table(here, unseen):
-    """Distances of unseen readings."""
-    from urdfcal.error_table import error_table
-
-    return error_table(here, len(unseen))
-
-
-def held(setup: SimulatedSetup, found) -> np.ndarray:
+def held(setup: SimulatedSetup, found: Calibration) -> np.ndarray:
     """Whether the interval of each joint parameter holds the truth."""
     truth = dict(zip(setup.errors.names, setup.x.tolist(), strict=True))
     joints = [index for index, parameter in enumerate(found.errors.parameters) if parameter.kind == "joint"]
@@ -139,32 +135,8 @@ def line(name: str, kind: str, poses: int, runs: list[Run]) -> str:
     share = np.concatenate([one.share for one in runs])
     rms = np.median([np.sqrt(np.mean(one.share**2)) for one in runs])
     before, after = np.median([one.before for one in runs]), np.median([one.after for one in runs])
-    return (
-        f"| {name} | {kind} | {poses} | {noise} | {holds} | {np.mean(np.abs(share) < Z95):.1%} | {rms:.2f} | {before:.2f} | {after:.3f} |"
-    )
-
-
-def study(robot: Robot, robots: int, poses: int, arms: list[np.ndarray]) -> None:
-    """Print the table."""
-    print(f"{robots} simulated UR5s each, noise 0.1 mm and 0.02 deg (spots 0.5 mm)")
-    print(
-        "| sensor | truth | poses | noise found / true | parameters within 95 % | unseen within 95 % | error / claim | before mm | after mm |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
-    for name in SENSORS:
-        for kind in ("Gaussian", *(["factory"] if arms else [])):
-            truths = [None if kind == "Gaussian" else arms[seed % len(arms)] * (-1.0) ** (seed // len(arms)) for seed in range(robots)]
-            print(line(name, kind, poses, [run(robot, name, seed, poses, truth) for seed, truth in enumerate(truths)]), flush=True)
-
-
-def speed(robot: Robot, name: str, poses: int) -> str:
-    """Time and peak memory of one fit, in this process."""
-    rng = np.random.default_rng(0)
-    data = measured(setup := setup_of(robot, name, None, rng), name, poses, rng, NOISE)
-    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
-    found = fit(setup.robot, data, gated=False)
-    took, peak = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return f"| {name} | {poses} | {took:.2f} s | {len(found.estimate.history) - 1} | {peak / 2**20:.2f} GiB ({before / 2**20:.2f} before the fit) |"
+    memory = f"{peak / 2**20:.2f} GiB ({before / 2**20:.2f} before the fit)"
+    return f"| {name} | {poses} | {took:.2f} s | {len(found.estimate.history) - 1} | {memory} |"
 
 
 def main() -> None:

@@ -24,6 +24,7 @@ from urdfcal.commands.inputs import (
     spot_noise,
 )
 from urdfcal.commands.options import (
+    CameraOption,
     DataFile,
     Estimate,
     Fix,
@@ -139,6 +140,7 @@ def fit(
         bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
     ] = False,
     target: Target = None,
+    camera: CameraOption = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -174,11 +176,11 @@ def fit(
         require_report_ending(report)
     pair = [compensation, compensation.with_suffix(".urdf")] if compensation else []
     places = (*plan.places.values(), record, *([report] if report else []), *pair)
-    require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from))
+    require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from, camera))
     unmeasured = arm
-    arm, data = measured(unmeasured, measurements, rig_file, reference, target)
+    arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
-    further = measured(unmeasured, test, rig_file, reference, target)[1] if test else None
+    further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, np.random.default_rng(seed))
     options = laid_over(

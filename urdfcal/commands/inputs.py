@@ -51,7 +51,12 @@ def load(
 
 
 def measured(
-    robot: Robot, path: Path, rig: RigFile | None = None, reference: str | None = None, target: str | None = None
+    robot: Robot,
+    path: Path,
+    rig: RigFile | None = None,
+    reference: str | None = None,
+    target: str | None = None,
+    camera: Path | None = None,
 ) -> tuple[Robot, Measurements]:
     """Measurements, and the robot with the instruments that they were made with.
 
@@ -67,10 +72,18 @@ def measured(
     from urdfcal.readings import known_lengths
 
     reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
-    data = read_measurements(path, robot, reference=reference, target=target)
+    data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera))
     lengths = known_lengths(rig.lengths() if rig else (), data.readings)
     data = replace(data, lengths=lengths) if lengths else data
     return as_measured(robot, data), data
+
+
+def _camera(path: Path | None) -> Any:
+    if path is None:
+        return None
+    from urdfcal.vision.camera_file import read_camera
+
+    return read_camera(path)
 
 
 def rig_file_of(path: Path | None) -> RigFile:

@@ -92,6 +92,15 @@ Target = Annotated[
     str | None,
     typer.Option(metavar="LINK", help="Link that columns named x1, y1, z1, phix1 ... (figaroh's) are measured on.", show_default=False),
 ]
+CameraOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--camera",
+        metavar="YAML",
+        help="Camera that <laser>.u .v, or <link>.u .v, were read with, in px; spots are then taken from the pictures.",
+        show_default=False,
+    ),
+]
 GravityOption = Annotated[
     str | None,
     typer.Option(

@@ -52,7 +52,9 @@ def spots(
     frames: Annotated[
         str, typer.Option(help="one (each picture a pose), named (<pose>_<n>) or auto (named where two poses or more are named so).")
     ] = "auto",
-    largest_px: Annotated[float, typer.Option(help="Greatest standard width of a spot in px; a third of it where its core is not clipped.")] = 15.0,
+    largest_px: Annotated[
+        float, typer.Option(help="Greatest standard width of a spot in px; a third of it where its core is not clipped.")
+    ] = 15.0,
     screen_size_m: Annotated[
         float | None,
         typer.Option(help="Side in m of the square around the screen's origin that spots lie in. Default: any.", show_default=False),

@@ -23,7 +23,7 @@ from urdfcal.geometry import DEG, Array3, Matrix, Vector
 from urdfcal.vision.csv_table import LENGTHS, CsvTable
 
 _PER_LASER = 4  # a, b, x0, y0
-_MOST_STEPS, _CLOSE = 50, 1e-12
+_MOST_STEPS, _CLOSE = 50, 1e-10
 _LEAST_DOF = 3
 
 

@@ -58,5 +58,5 @@ def _ring(image: Pixels, spot: PixelSpot, laser: str) -> None:
 def _write(image: Pixels, text: str, u: int, v: int, colour: tuple[int, int, int], size: float) -> None:
     (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     at = (max(min(u, image.shape[1] - width - 2), 2), max(min(v, image.shape[0] - 3), height + 2))
-    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.rectangle(image, (at[0] - 2, at[1] - height - 2), (at[0] + width + 2, at[1] + 4), (0, 0, 0), -1)
     cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
