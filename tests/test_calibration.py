@@ -12,10 +12,11 @@ import pytest
 
 import urdfcal
 from tests.helpers import assert_poses_close
-from urdfcal.calibration import evaluate, fit, with_test
+from urdfcal.calibration import fit, with_test
 from urdfcal.error_model import FLAT, ErrorModel, PriorScale
 from urdfcal.error_table import rms_mm
 from urdfcal.errors import FitRejected, RobotError, ShapeMismatch, UsageError
+from urdfcal.evaluation import evaluate
 from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.paper import paper_poses

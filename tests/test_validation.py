@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from urdfcal.calibration import Calibration, evaluate, fit, with_test
+from urdfcal.calibration import Calibration, fit, with_test
 from urdfcal.error_table import rms_mm
 from urdfcal.errors import UsageError
+from urdfcal.evaluation import evaluate
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Noise

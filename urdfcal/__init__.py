@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from urdfcal.calibration import Calibration, evaluate, fit
+    from urdfcal.calibration import Calibration, fit
     from urdfcal.calibration_file import StoredCalibration, apply
     from urdfcal.calibration_file import read_calibration as load_calibration
     from urdfcal.compensation import load_compensation
     from urdfcal.errors import FitRejected, InputError, UrdfcalError
+    from urdfcal.evaluation import evaluate
     from urdfcal.gauge import ModelOptions
     from urdfcal.gravity import Gravity
     from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "Calibration": "calibration",
-    "evaluate": "calibration",
+    "evaluate": "evaluation",
     "fit": "calibration",
     "StoredCalibration": "calibration_file",
     "apply": "calibration_file",

@@ -14,38 +14,35 @@ from urdfcal.arm_scale import with_scale
 from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import applied
 from urdfcal.ekf import Belief, Estimate
-from urdfcal.error_model import DEFAULT_PRIORS, ErrorModel, PriorScale, matching
-from urdfcal.error_table import SpotTable, error_table
-from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
+from urdfcal.error_model import ErrorModel, PriorScale, matching
+from urdfcal.error_table import error_table
+from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.evaluation import as_measured, fit_and_test, joint_sigmas, noise_of
 from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
+from urdfcal.fit_start import begin, explains, require_beams_on_screen
+from urdfcal.fit_warnings import disagreement, few_spots, large_scales
 from urdfcal.formats import Deployed
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import MM, Vector
-from urdfcal.hypotheses import best_hypothesis
+from urdfcal.gauge import ModelOptions, build_error_model, laid_over
+from urdfcal.geometry import Vector
 from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.measurements import Measurements
 from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior, without_gross_outliers
 from urdfcal.model_warnings import model_warnings
-from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
+from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import nominal_fit, with_new_places
+from urdfcal.pixel_start import in_pixels, require_screen_of_camera, start_of_pixels
 from urdfcal.report import text_report
-from urdfcal.readings import START_SIGMA
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robust import degrees, robust_scale, squared_distances
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
-from urdfcal.start import Start, find_start
+from urdfcal.spot_model import SpotModel
+from urdfcal.start import Start
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
     from urdfcal.viewer import View
-
-_CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
-_INCREDIBLE = 6.0  # [sigmas of the prior] a fit that moved a parameter farther is not taken for granted
-_FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
-_NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
 @dataclass(frozen=True)
@@ -167,26 +164,26 @@ def fit(
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
     _check(robot, data, spot_sigma)
-    _check_camera(data)
+    require_screen_of_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), data)
-    noise = _noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
+    noise = noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
     nominal = nominal_fit(errors, fit_set, noise)
     errors = nominal.errors
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
     prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
-    method = replace(method, start=_start_of_pixels(fit_set, errors, noise, sane) if _in_pixels(fit_set) else nominal.x)
+    method = replace(method, start=start_of_pixels(fit_set, errors, noise, sane) if in_pixels(fit_set) else nominal.x)
     found = method.run(model, prior, noise)
-    if fit_set.seen.any() and not (method.label == "ekf, paper" or _explains(model, found, noise)):
-        begun = _begin(model, noise, sane)
+    if fit_set.seen.any() and not (method.label == "ekf, paper" or explains(model, found, noise)):
+        begun = begin(model, noise, sane)
         errors, method = begun.errors, replace(method, start=begun.x)
         model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
         found = method.run(model, prior, noise)
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     if len(clean.estimate.history) == 1:
-        _require_beams_on_screen(model, begun.x)
+        require_beams_on_screen(model, begun.x)
     model, found, fit_set = clean.model, clean.estimate, clean.model.data
     stated_errors, chosen = errors, None
     if evidence and method.shrinks and "joint" not in options.priors:
@@ -216,48 +213,12 @@ def fit(
             *model_warnings(robot, errors, options),
             *((no_scale,) if no_scale else ()),
             *((begun.message,) if begun.message else ()),
-            *_few_spots(noise, freedom),
-            *_large_scales(chosen),
-            *_disagreement(found.noise, misfit, freedom),
+            *few_spots(noise, freedom),
+            *large_scales(chosen),
+            *disagreement(found.noise, misfit, freedom),
         ),
     )
     return calibration if test_set is None else with_test(calibration, test_set)
-
-
-def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = None) -> SpotTable:
-    """Distances of a robot as its URDF has it; where targets were measured, from measuring frames and offsets that suit it best.
-
-    Args:
-        robot: The robot.
-        data: The measurements.
-        options: Of which only what concerns the instruments matters.
-    """
-    robot = as_measured(robot, data)
-    errors = build_error_model(robot.chain, robot.rig, options, data.session_names or ("",)) if data.readings else _bare(robot, data)
-    return nominal_fit(errors, data, _noise_of(data, None, np.zeros(len(robot.chain.inputs)))).table(data)
-
-
-def as_measured(robot: Robot, data: Measurements) -> Robot:
-    """The robot with the instruments that some measurements were made with."""
-    return robot.seen_by(data.instruments, robot.lasers if data.lasers else ()) if data.readings else robot
-
-
-def _bare(robot: Robot, data: Measurements) -> ErrorModel:
-    return ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",))
-
-
-def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
-    _, length = SpotModel(_bare(robot, data), data).predict(np.empty(0))
-    with np.errstate(invalid="ignore"):
-        lost = data.seen & ~((length > 0) & np.isfinite(length))
-    if not lost.any():
-        return ()
-    pose, laser = np.argwhere(lost)[0]
-    return (
-        f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
-        f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
-    )
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
@@ -276,116 +237,6 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
     model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
-
-
-def laid_over(
-    options: ModelOptions,
-    error_model: str | None = None,
-    estimate: Sequence[str] = (),
-    fix: Sequence[str] = (),
-    only: Sequence[str] = (),
-    priors: Mapping[Kind, PriorScale] | None = None,
-) -> ModelOptions:
-    """Options with others laid over them."""
-    return replace(
-        options,
-        error_model=error_model or options.error_model,
-        estimate=(*options.estimate, *estimate),
-        fix=(*options.fix, *fix),
-        only=(*options.only, *only),
-        priors={**options.priors, **(priors or {})},
-    )
-
-
-def _disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
-    """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
-    if not noise.all_stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
-        return ()
-    times = np.sqrt(misfit)
-    return (
-        f"the spots scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
-        f"{'the sigmas are too small' if times > 1 else 'the sigmas are too large'}; leave the noise out to have it estimated",
-    )
-
-
-def _few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
-    if noise.all_stated or freedom >= LEAST_FREEDOM:
-        return ()
-    return (
-        f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
-        f"{noise.spot_sigma / MM:g} mm is assumed; measure more poses or state it with --spot-sigma-mm",
-    )
-
-
-def _large_scales(chosen: Evidence | None) -> tuple[str, ...]:
-    """Joint errors that are far larger than a robot's usually are."""
-    usual = DEFAULT_PRIORS["joint"]
-    scales = chosen.scales if chosen is not None else {}
-    large = [name for name, scale in scales.items() if scale > _FAR * usual.sigma("m" if name == "translation" else "rad")]
-    if not large:
-        return ()
-    sizes = ", ".join(f"{name} {scales[name] / MM:.3g} {'mm' if name == 'translation' else 'mrad'}" for name in large)
-    return (f"the data ask for joint errors far larger than robots have ({sizes}); check the URDF, the joints' units, zeros and signs",)
-
-
-def _in_pixels(data: Measurements) -> bool:
-    """Whether spots were read as pixels."""
-    return any(data.of_laser(each) for each in data.readings)
-
-
-def _check_camera(data: Measurements) -> None:
-    if _in_pixels(data) and getattr(data.camera, "T_camera_screen", None) is None:
-        raise UsageError("the camera knows no screen; add it with `urdfcal camera --lens CAMERA.yaml --screen IMAGE --markers screen.yaml`")
-
-
-def _start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: bool) -> Vector:
-    """Where to begin with spots in pixels: at the fit of the spots that the camera makes of them on the screen as it is calibrated."""
-    spots = as_spots(data)
-    rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))
-    alone = Noise(START_SIGMA["spot"], noise.joint_sigma, False)
-    model = SpotModel(rest, spots, joints=bool(np.any(noise.joint_sigma)))
-    found = Method().run(model, Belief(rest.mean, np.diag(rest.sigma**2)), alone)
-    x = found.belief.x if _explains(model, found, alone) else _begin(model, alone, sane).x
-    known = dict(zip(rest.names, x, strict=True))
-    return np.array([known.get(parameter.name, parameter.mean) for parameter in errors.parameters])
-
-
-def as_spots(data: Measurements) -> Measurements:
-    """Measurements with spots in pixels turned into spots on the screen, where the camera's calibration has it; nothing else is kept."""
-    spots, sigma = data.spots.copy(), data.sigma.copy()
-    for each in (each for each in data.readings if data.of_laser(each)):
-        laser = data.lasers.index(each.link)
-        rows = np.flatnonzero(each.seen)
-        spots[rows, laser] = data.camera.spots_of_pixels(each.values[rows])
-        sigma[rows, laser] = np.nan
-    return replace(data, spots=spots, sigma=sigma, readings=(), lengths=())
-
-
-def _explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
-    """Whether a fit from the prior put most spots where they were seen and believes nothing that the prior does not.
-
-    Else the start or the data need a second look: a robot shrunk to nothing explains spots in the wrong unit, and a module that is
-    turned round explains a joint that was read off by a right angle.
-    """
-    if np.any(np.abs(found.belief.x - model.errors.mean) > _INCREDIBLE * model.errors.sigma):
-        return False
-    distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
-    near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
-    return found.converged and bool(np.nanmedian(distance) < near)
-
-
-def _begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
-    """Where to begin when the prior is too far off: where the rig is found to be; data with a common mistake in them are refused.
-
-    Raises:
-        FitRejected: names the mistake.
-    """
-    begun = find_start(model, noise)
-    if sane and not begun.plausible:
-        mistake = best_hypothesis(model, noise)
-        if mistake is not None:
-            raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
-    return begun
 
 
 def _by_evidence(
@@ -426,57 +277,8 @@ def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:
         )
 
 
-def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:
-    """The poses to fit, and those to test: marked in the data, or given apart.
-
-    Raises:
-        UsageError: nothing is left to fit, or test poses come from both.
-    """
-    fit_set, marked = data.split()
-    if fit_set.empty:
-        raise UsageError("no pose is left to fit: every row with a measurement is marked as test")
-    if test is not None and len(marked):
-        raise UsageError("the measurements mark test poses in their 'set' column, and other test poses were given; use one of the two")
-    return fit_set, test if test is not None else marked if len(marked) else None
-
-
 def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
     """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
     if method.estimator == "robust":
         return robust_scale(squared_distances(here, noise), degrees(here)) ** 2
     return noise.chi_squared(here) / max(freedom, 1.0)
-
-
-def _noise_of(data: Measurements, spot_sigma: float | None, joint_sigma: Vector) -> Noise:
-    """Noise of every kind of measurement: as stated on the command line, with the measurements, or where its estimation starts."""
-    sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
-    for kind, name in enumerate(kinds_of(data)):
-        of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
-        own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
-        if name == "spot" and spot_sigma is not None:
-            sigma[kind], stated[kind] = spot_sigma, True
-        elif len(own) and np.isfinite(own).all():
-            sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
-    return Noise(sigma, joint_sigma, stated)
-
-
-def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:
-    """Standard deviation of every measured joint: one number for all turning joints, or one a joint, (inputs,)."""
-    turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
-    sigmas = np.asarray(joint_sigma, dtype=float)
-    if sigmas.ndim and sigmas.shape != turning.shape:
-        raise ShapeMismatch(f"the joint noise is one number, or {len(turning)}; found shape {sigmas.shape}")
-    if not (np.isfinite(sigmas).all() and (sigmas >= 0).all()):
-        raise UsageError("the joint noise must be finite and not negative")
-    return sigmas * turning if sigmas.ndim == 0 else sigmas
-
-
-def _require_beams_on_screen(model: SpotModel, x: Vector) -> None:
-    missing = model.unreached(x)
-    if missing is not None:
-        pose, laser = missing
-        raise FitRejected(
-            f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the model its beam does not meet the screen; "
-            "check the mount of the module, the screen's placement and the joints' units and signs",
-            forceable=False,
-        )

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.calibration import fit_and_test, joint_sigmas
 from urdfcal.ekf import Belief, compress, update
 from urdfcal.error_model import ErrorModel
+from urdfcal.evaluation import fit_and_test, joint_sigmas
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
 from urdfcal.geometry import DEG, MM, Matrix, Vector, X

@@ -73,6 +73,25 @@ class ModelOptions:
                 raise UsageError(f"cannot estimate '{addition}'; there are: beams, beams4, screen")
 
 
+def laid_over(
+    options: ModelOptions,
+    error_model: str | None = None,
+    estimate: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    only: Sequence[str] = (),
+    priors: Mapping[Kind, PriorScale] | None = None,
+) -> ModelOptions:
+    """Options with others laid over them."""
+    return replace(
+        options,
+        error_model=error_model or options.error_model,
+        estimate=(*options.estimate, *estimate),
+        fix=(*options.fix, *fix),
+        only=(*options.only, *only),
+        priors={**options.priors, **(priors or {})},
+    )
+
+
 def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = None, sessions: Sequence[str] = ("",)) -> ErrorModel:
     """Choose the parameters of a robot: error model, gauge, additions, what is fixed, priors.
 

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.calibration import Calibration, fit, joint_sigmas
+from urdfcal.calibration import Calibration, fit
 from urdfcal.ekf import Belief, iterated_schedule, update
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
+from urdfcal.evaluation import joint_sigmas
 from urdfcal.frame_jacobian import CHUNK
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Matrix, Vector

@@ -10,8 +10,10 @@ places stand anywhere. Unseen readings are without noise, so that what is off is
 from __future__ import annotations
 
 import argparse
+import resource
 import subprocess
 import sys
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -132,9 +134,41 @@ def line(name: str, kind: str, poses: int, runs: list[Run]) -> str:
     noise = ", ".join(f"{own} {np.mean([one.noise[own] for one in runs]):.3f}" for own in runs[0].noise)
     inside = np.concatenate([one.inside for one in runs])
     holds = f"{inside.mean():.1%} of {inside.size}" if inside.size else "-"
-    share = np.concatenate([one.share for one in runs])
+    within = np.mean(np.abs(np.concatenate([one.share for one in runs])) < Z95)
     rms = np.median([np.sqrt(np.mean(one.share**2)) for one in runs])
     before, after = np.median([one.before for one in runs]), np.median([one.after for one in runs])
+    return f"| {name} | {kind} | {poses} | {noise} | {holds} | {within:.1%} | {rms:.2f} | {before:.2f} | {after:.3f} |"
+
+
+def study(robot: Robot, robots: int, poses: int, arms: list[np.ndarray]) -> None:
+    """Print the table."""
+    print(f"{robots} simulated UR5s each, noise 0.1 mm and 0.02 deg (spots 0.5 mm)")
+    head = (
+        "sensor",
+        "truth",
+        "poses",
+        "noise found / true",
+        "parameters in 95 %",
+        "unseen in 95 %",
+        "error / claim",
+        "before mm",
+        "after mm",
+    )
+    print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
+    for name in SENSORS:
+        for kind in ("Gaussian", *(["factory"] if arms else [])):
+            truths = [None if kind == "Gaussian" else arms[seed % len(arms)] * (-1.0) ** (seed // len(arms)) for seed in range(robots)]
+            print(line(name, kind, poses, [run(robot, name, seed, poses, truth) for seed, truth in enumerate(truths)]), flush=True)
+
+
+def speed(robot: Robot, name: str, poses: int) -> str:
+    """Time and peak memory of one fit, in this process."""
+    rng = np.random.default_rng(0)
+    setup = setup_of(robot, name, None, rng)
+    data = measured(setup, name, poses, rng, NOISE)
+    before, start = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.perf_counter()
+    found = fit(setup.robot, data, gated=False)
+    took, peak = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     memory = f"{peak / 2**20:.2f} GiB ({before / 2**20:.2f} before the fit)"
     return f"| {name} | {poses} | {took:.2f} s | {len(found.estimate.history) - 1} | {memory} |"
 

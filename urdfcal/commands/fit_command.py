@@ -156,10 +156,10 @@ def fit(
     import numpy as np
 
     from urdfcal.calibration import fit as run_fit
-    from urdfcal.calibration import laid_over
     from urdfcal.extras import Extras, workspace_accuracy
     from urdfcal.files import write_together
     from urdfcal.formats import deployment
+    from urdfcal.gauge import laid_over
     from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
     from urdfcal.report_files import report_bytes, require_report_ending

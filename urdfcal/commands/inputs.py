@@ -67,7 +67,7 @@ def measured(
     """
     from dataclasses import replace
 
-    from urdfcal.calibration import as_measured
+    from urdfcal.evaluation import as_measured
     from urdfcal.measurements import read_measurements
     from urdfcal.readings import known_lengths
 

@@ -52,8 +52,8 @@ def evaluate(
     verbose: Verbose = False,
 ) -> None:
     """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
-    from urdfcal.calibration import beams_that_miss
-    from urdfcal.calibration import evaluate as run_evaluate
+    from urdfcal.evaluation import beams_that_miss
+    from urdfcal.evaluation import evaluate as run_evaluate
     from urdfcal.report import spot_table_block, table_json
 
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser), measurements, None, reference, target)
@@ -99,9 +99,9 @@ def check(
     """Tell what these measurements can and cannot determine, without fitting, and which others would help."""
     import numpy as np
 
-    from urdfcal.calibration import laid_over
     from urdfcal.check import check as run_check
     from urdfcal.check_report import check_blocks, check_json
+    from urdfcal.gauge import laid_over
 
     rig_file = rig_file_of(rig)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target)

@@ -1,0 +1,45 @@
+"""What the user ought to know of a fit's noise and scales."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from urdfcal.error_model import DEFAULT_PRIORS
+from urdfcal.evidence import Evidence
+from urdfcal.geometry import MM
+from urdfcal.noise import LEAST_FREEDOM, Noise
+
+_FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
+_CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
+
+
+def disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
+    """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
+    if not noise.all_stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
+        return ()
+    times = np.sqrt(misfit)
+    return (
+        f"the spots scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
+        f"{'the sigmas are too small' if times > 1 else 'the sigmas are too large'}; leave the noise out to have it estimated",
+    )
+
+
+def few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
+    """Noise that is assumed, since there are too few measurements to estimate it."""
+    if noise.all_stated or freedom >= LEAST_FREEDOM:
+        return ()
+    return (
+        f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
+        f"{noise.spot_sigma / MM:g} mm is assumed; measure more poses or state it with --spot-sigma-mm",
+    )
+
+
+def large_scales(chosen: Evidence | None) -> tuple[str, ...]:
+    """Joint errors that are far larger than a robot's usually are."""
+    usual = DEFAULT_PRIORS["joint"]
+    scales = chosen.scales if chosen is not None else {}
+    large = [name for name, scale in scales.items() if scale > _FAR * usual.sigma("m" if name == "translation" else "rad")]
+    if not large:
+        return ()
+    sizes = ", ".join(f"{name} {scales[name] / MM:.3g} {'mm' if name == 'translation' else 'mrad'}" for name in large)
+    return (f"the data ask for joint errors far larger than robots have ({sizes}); check the URDF, the joints' units, zeros and signs",)
