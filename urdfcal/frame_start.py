@@ -6,6 +6,7 @@ link and A_i what was measured, every pose says Y A_i = B_i X.
 - Whole poses: rotations first, R_Y R_Ai = R_Bi R_X, linear in the 18 numbers of both matrices (the null vector, projected to SO(3));
   then R_Y a_i + y = R_Bi x + b_i, linear in y and x (robot-world and hand-eye calibration: Shah, J. Mechanisms Robotics 5, 2013).
 - Points: R_Y and y by Umeyama (PAMI 13, 1991) for a given x, then y and x linear for a given R_Y, in turn, from several x.
+- Pixels: the camera's pose from the rays of points that sit at their links' origins, for a start (SQPnP: Terzakis and Lourakis, ECCV 2020).
 - Sockets: R_i x + b_i = s, linear in x and every s.
 - Planes: the plane of least squares through the points.
 - Wires: |b_i - c|^2 = L_i^2, linear in c and |c|^2.
@@ -21,7 +22,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from urdfcal.error_model import DEFAULT_PRIORS, INSTRUMENTS, ErrorModel, PriorScale
-from urdfcal.errors import UsageError
+from urdfcal.errors import FitRejected, UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
@@ -34,7 +35,7 @@ Rows = npt.NDArray[np.intp]
 
 _OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [m] where a point may sit on its link, to begin with
 _ROUNDS = 60
-_LEAST_POINTS = 3
+_LEAST_POINTS, _LEAST_PIXELS = 3, 4
 
 
 @dataclass
@@ -85,7 +86,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
         data: The measurements.
 
     Raises:
-        UsageError: a plane was touched less than three times.
+        UsageError: a plane was touched less than three times, or no socket twice.
     """
     free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
     known = _Known({}, {})
@@ -99,6 +100,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
     seen = sorted(_views(errors, data), key=lambda view: (not view.whole, view.A is None, -len(view.b)))
     for view in [*seen, *seen]:  # the second time for what needed something that was found later
         _place(view, known)
+    _place_cameras(errors, data, known)
     _place_sockets(errors, data, known)
     slots = tuple(_found(slot, known) if slot.label in free else slot for slot in errors.slots)
     return with_places(replace(errors, slots=slots), data)
@@ -252,14 +254,63 @@ def nearest_rotation(M: Matrix) -> Matrix:
     return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
 
 
+def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
+    """Cameras that see targets as pixels, where nothing else told where their frame is."""
+    for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each)):
+        for session in errors.sessions:
+            rows = np.flatnonzero(each.seen & ((data.sessions == session) | (len(errors.sessions) == 1)))
+            if session in known.frames or len(rows) < _LEAST_PIXELS:
+                continue
+            R, b = _nominal(errors, data.q[rows], each.target, session)
+            offset = known.offsets.get(each.target, pin.SE3.Identity()).translation
+            known.frames[session] = camera_before(b + R @ offset, data.camera.rays(each.values[rows]))
+
+
+def camera_before(points: Matrix, rays: Matrix) -> SE3:
+    """Placement of a camera that sees points (n, 3), [m], along unit rays (n, 3) in its own axes, z ahead; in the points' frame.
+
+    Raises:
+        FitRejected: there is no such place.
+    """
+    import cv2
+
+    good = rays[:, 2] > 0
+    found, turn, shift = cv2.solvePnP(
+        np.ascontiguousarray(points[good]),
+        np.ascontiguousarray(rays[good, :2] / rays[good, 2:]),
+        np.eye(3),
+        None,
+        flags=cv2.SOLVEPNP_SQPNP,
+    )
+    if not found:
+        raise FitRejected("no place of the camera explains where its targets were seen; check the joints and the camera", forceable=False)
+    return pin.SE3(pin.exp3(turn.ravel()), shift.ravel()).inverse()
+
+
 def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
     for each in data.readings:
         if each.kind == "socket" and each.target not in known.offsets:
             rows = np.flatnonzero(each.seen)
+            _require_a_return(data)
             R, b = _per_session(errors, data, each.target, rows)
             index = np.array([each.touched.index(str(label)) for label in each.labels[rows]])
             known.offsets[each.target] = pin.SE3(np.eye(3), common_point(R, b, index))
+
+
+def _require_a_return(data: Measurements) -> None:
+    """Refuse touches that say nothing: no socket is touched at two poses.
+
+    Raises:
+        UsageError: naming the first pose and its socket.
+    """
+    touches = [(pose, str(each.labels[pose])) for each in data.readings if each.kind == "socket" for pose in np.flatnonzero(each.seen)]
+    if touches and len({label for _, label in touches}) == len(touches):
+        pose, label = touches[0]
+        raise UsageError(
+            f"{data.where(int(pose))}: socket '{label}' is touched once, and so is every other; "
+            "poses that touch the same socket have the same label"
+        )
 
 
 def common_point(R: Array3, b: Matrix, group: Rows) -> Vector:

@@ -19,13 +19,16 @@ _NOISE = {
     "distance": ("distance noise", MM, "mm"),
     "plane": ("noise across planes", MM, "mm"),
     "socket": ("socket noise", MM, "mm"),
+    "pixel": ("pixel noise", 1.0, "px"),
 }
 
 
 def noise_in_words(calibration: FitResult) -> str:
     """`spot noise 1.1 mm`, `point noise 0.28 mm, orientation noise 0.034 deg`: standard deviations of single coordinates."""
-    words = []
-    for kind, sigma in zip(kinds_of(calibration.data), calibration.estimate.noise.sigma.tolist(), strict=True):
+    words, data = [], calibration.data
+    for kind, sigma in zip(kinds_of(data), calibration.estimate.noise.sigma.tolist(), strict=True):
+        if kind == "spot" and not data.seen.any() and data.readings:  # spots were read as pixels
+            continue
         name, size, unit = _NOISE[kind]
         words.append(f"{name} {sigma / size:.3g} {unit}")
     return ", ".join(words)

@@ -94,8 +94,8 @@ def animated_rows(scene: Scene) -> Rows:
     n = len(scene.data)
     if n <= MOST_POSES:
         return np.arange(n)
-    errors = np.nan_to_num(scene.errors_mm(scene.shown)).max(axis=1)
-    worst = np.argsort(errors)[-MOST_POSES // 10 :]
+    rows = [row.phases[-1] for row in scene.compared if row.unit == "mm"] or [row.phases[-1] for row in scene.compared]
+    worst = np.argsort(np.nan_to_num(rows).max(axis=0))[-MOST_POSES // 10 :]
     others = np.setdiff1d(np.arange(n), worst)
     even = others[np.linspace(0, len(others) - 1, MOST_POSES - len(worst)).astype(int)]
     return np.sort(np.concatenate([worst, even]))

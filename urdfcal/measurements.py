@@ -149,7 +149,7 @@ class Measurements:
     @property
     def summary(self) -> str:
         """What was measured, in words: `120 spots`, `500 points and 500 orientations`."""
-        counts = {"spot": int(self.seen.sum())} if self.lasers else {}
+        counts = {"spot": int(self.seen.sum())} if self.seen.any() or not self.readings else {}
         for each in self.readings:
             counts[each.kind] = counts.get(each.kind, 0) + int(each.seen.sum())
         words = [f"{count} {_NOUNS[kind][count != 1]}" for kind, count in counts.items()]

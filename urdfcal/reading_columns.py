@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from urdfcal.errors import no_such
 from urdfcal.geometry import Matrix
 from urdfcal.readings import STORED, Readings
 from urdfcal.robot import Robot
@@ -62,6 +63,33 @@ def target_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) ->
             found.append(TargetColumn(name, target, link, what, _KINDS[what]))
     read = {column.target for column in found if not column.kind.startswith("sigma")}
     return tuple(column for column in found if column.target in read)
+
+
+def refusal(columns: Sequence[TargetColumn], units: Mapping[str, str]) -> tuple[str, str] | None:
+    """The first column of a target that cannot be taken as it is, and why: a unit that means nothing, half a name, two orientations."""
+    turned: dict[str, TargetColumn] = {}
+    for column in columns:
+        if column.target.endswith(":"):
+            return column.name, f"the label behind '{column.target}' is empty; expected {column.link}.{column.what}, or a label"
+        if column.kind in ("plane", "socket") and column.name in units:
+            return column.name, f"the unit '{units[column.name]}' of a label means nothing; expected '{column.name}' alone"
+        first = turned.setdefault(column.target, column) if column.kind == "orientation" else column
+        if column.kind == "orientation" and (first.what in QUATERNION) != (column.what in QUATERNION):
+            return column.name, f"the orientation is in '{first.name}', too; leave one of the two out"
+    return None
+
+
+def lost_column(names: Iterable[str], robot: Robot) -> tuple[str, str] | None:
+    """Where a header means nothing at all: the first column that looks like a target's, and what is wrong with its link or its ending."""
+    links, kinds = robot.tree.links, [kind for kind in _KINDS if not kind.startswith("sigma")]
+    for name in names:
+        target, dot, what = name.rpartition(".")
+        link = target if target in links else target.partition(":")[0]
+        if dot and what in kinds and link not in links:
+            return name, no_such("link", link, links)
+        if dot and link in links and what not in _KINDS:
+            return name, f"the ending '.{what}' means nothing; expected one of {', '.join(f'.{kind}' for kind in kinds)}"
+    return None
 
 
 def blank_readings(column: TargetColumn, target: str, kind: str) -> Readings:

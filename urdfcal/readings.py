@@ -115,13 +115,12 @@ def instruments_of(readings: Sequence[Readings], reference: str, lasers: Sequenc
         lasers: Links whose pixels are those of spots on the screen, and no targets.
         camera: What pixels were read with.
     """
-    spots = [each for each in readings if each.kind == "pixel" and each.link in lasers]
-    others = [each for each in readings if each not in spots]
+    others = [each for each in readings if not (each.kind == "pixel" and each.link in lasers)]
     whole = {each.target for each in others if each.kind == "orientation"}
     targets = {each.target: Target(each.target, each.link, each.target in whole) for each in others}
     places = {place.name: place for each in others for place in each.places}
     placed = any(each.kind in SEEN_FROM_FRAME for each in others)
-    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if spots else ())
+    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if len(others) < len(readings) else ())
 
 
 def _camera_sigma(camera: Any) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
-"""What there is to see: where the beams of the nominal and of the calibrated robot run, in every pose, beside the measured spots.
+"""What there is to see: what was measured in every pose, beside what the nominal and the calibrated robot make of it.
 
-Everything stands in the axes of the screen, which both robots share: measured and predicted spots are compared on it, so the
-nominal robot is drawn where the screen sees it.
+Beams and spots stand in the axes of the screen, targets in those of the measuring frame. Both robots share these: measured and
+predicted are compared there, so the nominal robot is drawn where the screen sees it, or without lasers the measuring frame.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.robot import Robot
 from urdfcal.sensors import LEAST_ZX, spots_on_screen
+from urdfcal.target_scene import Mark, PlacedTargets, placed_targets
 
 _FAR = 1.1  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
 _LEAST_SHEET = 0.6  # [m]
@@ -27,6 +28,10 @@ _MARK, _LEAST_MARK = 0.0095, 0.0055  # radius of a spot's disc over the width of
 _FEW = 150  # spots, of more the discs are smaller
 _LONGEST_ARROW = 0.25  # of the sheet, for nine arrows out of ten, where the magnification is ours to choose
 MAGNIFICATIONS = (20.0, 10.0, 5.0, 2.0, 1.0)
+_TARGET_MARK = 0.006  # radius of a target's ball over the width of the bulk of the marks
+_LEAST_WIDTH = 0.3  # [m] of the targets' marks
+_LONGEST_TARGET_ARROW = 0.06  # of that width
+_TARGET_MAGNIFICATIONS = (500.0, 200.0, 100.0, 50.0, *MAGNIFICATIONS)
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,21 @@ class Sheet:
         """Which spots lie on it."""
         with np.errstate(invalid="ignore"):
             return np.asarray(((spots >= self.low) & (spots <= self.high)).all(axis=-1))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One row of the table of errors: a laser or a target.
+
+    Attributes:
+        name: Of the laser, or as tables name the reading.
+        unit: mm, deg or px.
+        phases: Errors of every robot that is drawn, nominal first, (n,) each; nan where nothing was measured.
+    """
+
+    name: str
+    unit: str
+    phases: tuple[Vector, ...]
 
 
 @dataclass(frozen=True)
@@ -139,6 +159,64 @@ class Scene:
         errors = np.linalg.norm(self.shown.spots - self.data.spots, axis=-1)[self.data.seen & self.lands(self.shown)]
         usual = float(np.quantile(errors, 0.9)) if len(errors) else 0.0
         return next((times for times in MAGNIFICATIONS if times * usual < _LONGEST_ARROW * self.sheet.size), 1.0)
+
+    @cached_property
+    def targets(self) -> tuple[PlacedTargets, ...]:
+        """The nominal robot with its instruments placed, then the calibrated one; empty where there are lasers alone."""
+        robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
+        return tuple(placed_targets(robot, self.data) for robot in robots) if self.data.readings else ()
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        """What was read of targets, as the robot that is drawn solid has it."""
+        return self.targets[-1].marks if self.targets else ()
+
+    @cached_property
+    def points(self) -> Matrix:
+        """Every place that was read of a target, (k, 3), in the measuring frame, [m]."""
+        read = [mark.read[~np.isnan(mark.read[:, 0])] for mark in self.marks]
+        return np.concatenate(read) if read else np.empty((0, 3))
+
+    @cached_property
+    def width(self) -> float:
+        """How far the bulk of the targets' marks extends, [m]."""
+        far = np.abs(self.points - np.median(self.points, axis=0))
+        return max(_LEAST_WIDTH, 2 * float(np.quantile(far, 0.9, axis=0).max()))
+
+    @cached_property
+    def ball(self) -> float:
+        """Radius of a target's mark, [m]."""
+        return min(1.0, (_FEW / max(len(self.data), 1)) ** 0.35) * _TARGET_MARK * self.width
+
+    @cached_property
+    def target_magnification(self) -> float:
+        """How many times longer the arrows of the drawn robot's errors at targets are than the errors."""
+        if self.magnify is not None:
+            return self.magnify
+        errors = np.concatenate([mark.predicted - mark.read for mark in self.marks if mark.is_point] or [np.zeros((1, 3))])
+        length = np.linalg.norm(errors[~np.isnan(errors[:, 0])], axis=1)
+        usual = float(np.quantile(length, 0.9)) if len(length) else 0.0
+        return next((times for times in _TARGET_MAGNIFICATIONS if times * usual < _LONGEST_TARGET_ARROW * self.width), 1.0)
+
+    def shifted(self, phase: int, mark: int) -> Matrix:
+        """Where a robot (0 the nominal one) has a target, as far from the mark that is drawn as from its own, (n, 3), [m].
+
+        Sockets, planes and wires are not the same places for both robots: what is compared is how far each is from its own.
+        """
+        own, drawn = self.targets[phase].marks[mark], self.marks[mark]
+        return np.asarray(drawn.read + (own.predicted - own.read))
+
+    @cached_property
+    def compared(self) -> tuple[Compared, ...]:
+        """The rows of the table of errors: lasers, then targets."""
+        beams = [self.errors_mm(each) for each in (self.before, self.after) if each is not None]
+        lasers = [Compared(name, "mm", tuple(own[:, laser] for own in beams)) for laser, name in enumerate(self.data.lasers)]
+        rows = [Compared(own[0].name, own[0].unit, tuple(mark.errors for mark in own)) for own in zip(*self._marks_by_phase, strict=True)]
+        return (*lasers, *rows)
+
+    @property
+    def _marks_by_phase(self) -> list[tuple[Mark, ...]]:
+        return [placed.marks for placed in self.targets]
 
     def lands(self, beams: Beams) -> Mask:
         """Which beams end on the sheet, (n, lasers)."""

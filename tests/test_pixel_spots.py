@@ -1,0 +1,137 @@
+"""Laser spots, and targets, read as pixels of a calibrated camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from urdfcal.calibration import fit
+from urdfcal.errors import MeasurementError, UsageError
+from urdfcal.gauge import build_error_model
+from urdfcal.measurements import Measurements, measurements_csv, measurements_from, read_measurements
+from urdfcal.pixel_start import as_spots
+from urdfcal.readings import Readings
+from urdfcal.robot import Robot
+from urdfcal.simulation import draw_poses, true_spots
+from urdfcal.spot_model import SpotModel
+from urdfcal.vision.camera_file import camera_yaml
+from urdfcal.vision.camera_model import Camera
+
+NOISE_PX = 0.1
+WRONG = np.array([2e-3, -1e-3, 3e-3, 2e-3, -3e-3, 1e-3])  # of the screen's calibration, [m] and [rad]
+SCREEN_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def camera() -> Camera:
+    """A camera three metres before the screen, looking at it obliquely."""
+    placement = pin.SE3(pin.exp3(np.array([0.1, 0.5, 0.05])) @ SCREEN_TO_CAMERA, np.array([0.1, -0.1, 3.0]))
+    matrix = np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 480.0], [0.0, 0.0, 1.0]])
+    return Camera((1280, 960), matrix, np.array([-0.2, 0.05, 0.0, 0.0, 0.0]), "plain", placement)
+
+
+def in_pixels(robot: Robot, camera: Camera, rng: np.random.Generator, poses: int = 60) -> tuple[Measurements, dict[str, float]]:
+    """Pixels of a Panda with errors, before a screen that does not stand quite where the camera's calibration has it; and its truth."""
+    errors = build_error_model(robot.chain, robot.rig)
+    x = rng.normal(0, 1, len(errors.names)) * np.where(np.array(errors.units) == "m", 1e-3, 2e-3)
+    q = draw_poses(robot, errors, x, poses, rng)
+    assert camera.T_camera_screen is not None
+    true = replace(camera, T_camera_screen=camera.T_camera_screen * pin.exp6(pin.Motion(WRONG)))
+    pixels = true.pixels_of_spots(true_spots(robot, errors, x, q).reshape(-1, 2)).reshape(-1, 2, 2)
+    pixels = pixels + rng.normal(0, NOISE_PX, pixels.shape)
+    blank, none = np.full(poses, ""), np.full(poses, np.nan)
+    readings = tuple(Readings("pixel", laser, laser, pixels[:, index], blank, none) for index, laser in enumerate(robot.rig.lasers))
+    data = measurements_from(robot, q, np.full((poses, 2, 2), np.nan))
+    return replace(data, camera=camera, readings=readings), dict(zip(errors.names, x.tolist(), strict=True))
+
+
+def test_pixels_have_the_derivatives_of_their_differences(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:
+    """The Jacobian, the camera's errors included, is that of central differences away from zero."""
+    data, _ = in_pixels(robots["panda"], camera, rng, 8)
+    found = build_error_model(robots["panda"].chain, robots["panda"].seen_by(data.instruments, None).rig)
+    model, x = SpotModel(found, data), rng.normal(0, 3e-3, len(found.names))
+    assert {"camera.trans_x", "camera.rot_z"} <= set(found.names)
+    J, h = model.linearise(x).jacobian, 1e-6
+    steps = h * np.eye(len(x))
+    differences = np.stack([(model.linearise(x - dx).residual - model.linearise(x + dx).residual) / (2 * h) for dx in steps], axis=-1)
+    np.testing.assert_allclose(J, differences, atol=1e-7 * np.abs(J).max())
+
+
+def test_a_wrong_screen_calibration_is_found_and_kept_out_of_the_joints(
+    robots: dict[str, Robot], camera: Camera, rng: np.random.Generator
+) -> None:
+    """Fitted as pixels the screen's tilt in front of the camera comes out, and the parameters are within what they claim."""
+    robot = robots["panda"]
+    data, truth = in_pixels(robot, camera, rng)
+    found = fit(robot, data, spot_sigma=None)
+    assert found.converged
+    assert found.estimate.noise.sigma[-1] == pytest.approx(NOISE_PX, rel=0.15)
+    tilt = found.errors.names.index("camera.rot_y")
+    assert abs(found.x[tilt] - WRONG[4]) < 4 * found.sigma[tilt] < 2e-3
+    off = np.array(
+        [
+            (value - truth[name]) / sigma
+            for name, value, sigma in zip(found.errors.names, found.x, found.sigma, strict=True)
+            if name in truth
+        ]
+    )
+    assert np.sqrt(np.mean(off**2)) < 1.5
+    as_calibrated = fit(robot, as_spots(data))
+    assert as_calibrated.after["laser_1"].mean > 1.5 * NOISE_PX * 3.0 / 900 * 1e3  # such a tilt does not fit into a rigid screen's spots
+
+
+def test_the_command_line_takes_the_camera(
+    robots: dict[str, Robot], camera: Camera, rng: np.random.Generator, run_cli: Callable[..., object], tmp_path: Path
+) -> None:
+    """`fit --camera` reads .u and .v; without the camera they are refused in one line that says so."""
+    data, _ = in_pixels(robots["panda"], camera, rng)
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(camera))
+    (tmp_path / "m.csv").write_bytes(measurements_csv(replace(data, lasers=(), spots=data.spots[:, :0], sigma=data.sigma[:, :0])))
+    urdf = robots["panda"].description.path
+    done = run_cli("fit", urdf, "m.csv", "--camera", "camera.yaml", "--no-sag")
+    assert done.code == 0  # type: ignore[attr-defined]
+    assert "pixel noise 0.1" in done.out  # type: ignore[attr-defined]
+    with pytest.raises(MeasurementError, match=r"column 'laser_1.u': pixels need the camera"):
+        read_measurements(tmp_path / "m.csv", robots["panda"])
+
+
+def test_a_camera_without_a_screen_is_refused(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:
+    """Pixels of spots mean nothing before the screen's place in front of the camera is known."""
+    data, _ = in_pixels(robots["panda"], camera, rng, 20)
+    with pytest.raises(UsageError, match="the camera knows no screen"):
+        fit(robots["panda"], replace(data, camera=replace(camera, T_camera_screen=None)))
+
+
+def test_a_target_in_pictures_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:
+    """A point on the last link, seen as pixels by a fixed camera whose place is not known, is predicted to its noise on unseen poses."""
+    robot, n = robots["ur5"], 160
+    target = "slm"
+    bare = measurements_from(robot, rng.uniform(-2.0, 2.0, (n, 6)), np.full((n, 2, 2), np.nan))
+    blank, none = np.full(n, ""), np.full(n, np.nan)
+    point = Readings("point", target, target, np.zeros((n, 3)), blank, none)
+    seen = robot.seen_by(replace(bare, readings=(point,)).instruments, ())
+    errors = build_error_model(seen.chain, seen.rig)
+    joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
+    x = np.where(joints, rng.normal(0, 1, len(joints)) * np.where(np.array(errors.units) == "m", 1e-3, 2e-3), 0.0)
+    places = (
+        -SpotModel(errors, replace(bare, lasers=(), spots=bare.spots[:, :0], sigma=bare.sigma[:, :0], readings=(point,)))
+        .linearise(x)
+        .residual
+    )
+    T_camera_root = pin.SE3(SCREEN_TO_CAMERA, np.array([0.0, 0.3, 2.5]))
+    pixels = camera.project(places @ T_camera_root.rotation.T + T_camera_root.translation)
+    kept = np.isfinite(pixels).all(axis=1)
+    read = Readings("pixel", target, target, (pixels + rng.normal(0, NOISE_PX, pixels.shape))[kept], blank[kept], none[kept])
+    data = replace(
+        bare.subset(kept), lasers=(), spots=bare.spots[kept][:, :0], sigma=bare.sigma[kept][:, :0], camera=camera, readings=(read,)
+    )
+    half = np.arange(len(data)) < len(data) // 2
+    found = fit(robot, data.subset(half), test=data.subset(~half))
+    assert found.converged
+    assert found.test is not None
+    assert found.test[1][f"{target} pixels"].mean < 4 * NOISE_PX < found.test[0][f"{target} pixels"].mean
