@@ -33,7 +33,7 @@ from urdfcal.meshcat_parts import umsgpack
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robot_shapes import robot_shapes
 from urdfcal.scene import Scene, beams_of, screen_placements
-from urdfcal.scene_motion import _mirror
+from urdfcal.scene_nodes import mirror
 from urdfcal.simulation import ScreenArea, draw_poses, joint_limits, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
 from urdfcal.viewer import View, view_of
@@ -184,7 +184,7 @@ def test_mirrored_meshes_turn_with_their_links(signs: tuple[int, ...], rng: np.r
     matrix = rotation * scale
     lengths = np.linalg.norm(matrix, axis=0)  # Matrix4.decompose: lengths of the columns, x flipped if the determinant is negative
     lengths[0] *= np.sign(np.linalg.det(matrix))
-    np.testing.assert_allclose(rotation * _mirror(scale) * lengths, matrix, atol=1e-12)
+    np.testing.assert_allclose(rotation * mirror(scale) * lengths, matrix, atol=1e-12)
 
 
 def test_the_animation_holds_every_pose_and_moves_straight_in_joint_space(small_view: View) -> None:

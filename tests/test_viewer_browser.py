@@ -21,10 +21,10 @@ from tests.small_robot import URDF, robot_of
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.robot import Robot, robot_from
-from urdfcal.scene import configurations
 from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
 from urdfcal.viewer import View, view_of
+from urdfcal.whole_robot import whole_configurations
 
 pytestmark = pytest.mark.skipif(
     find_browser() is None, reason="no chromium here; install Debian's package 'chromium' or name one in $URDFCAL_BROWSER"
@@ -185,7 +185,7 @@ def test_predicted_spots_are_rings_in_the_right_place(
     robot = arm7_view.scene.robot if layer == "nominal" else arm7_view.scene.calibrated
     assert robot is not None
     data, spots = robot.model.createData(), []
-    for q in configurations(robot, arm7_view.scene.data.q):
+    for q in whole_configurations(robot, arm7_view.scene.data.q):
         pin.framesForwardKinematics(robot.model, data, q)
         placed = data.oMf[robot.model.getFrameId("screen", pin.FrameType.BODY)]
         for laser in robot.rig.lasers:
@@ -255,7 +255,7 @@ def test_the_robot_is_where_its_links_are(browser: Browser, arm7_page: Path, arm
     with_robot = browser.picture()
     show_only(browser)
     changed = np.abs(with_robot.astype(int) - browser.picture()).max(axis=-1) > 20
-    q = configurations(arm7_view.scene.solid, arm7_view.scene.data.q[:1])[0]
+    q = whole_configurations(arm7_view.scene.solid, arm7_view.scene.data.q[:1])[0]
     corners = pixels(browser, arm7_view.shapes.corners(arm7_view.scene.solid, q))
     changed[:, :LEGEND_WIDTH] = False
     rows, columns = np.nonzero(changed)
@@ -331,7 +331,7 @@ def test_robot_beams_and_screen_are_in_view(browser: Browser, robots: dict[str, 
     view.write_html(tmp_path / "page.html")
     browser.open(tmp_path / "page.html")
     picture, scene = browser.picture(), view.scene
-    whole = configurations(robot, scene.data.q[:1])[0]
+    whole = whole_configurations(robot, scene.data.q[:1])[0]
     (left, low), (right, high) = scene.sheet.low, scene.sheet.high
     sheet = np.array([[0.0, y, z] for y in (left, right) for z in (low, high)])
     points = np.concatenate([view.shapes.corners(robot, whole), in_root(robot, np.concatenate([sheet, scene.shown.source[0]]), whole)])

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.ekf import Belief, compress, update
+from urdfcal.arm_scale import with_scale
 from urdfcal.error_model import ErrorModel
-from urdfcal.evaluation import fit_and_test, joint_sigmas
+from urdfcal.evaluation import as_measured, fit_and_test, joint_sigmas
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
 from urdfcal.geometry import DEG, MM, Matrix, Vector, X
@@ -18,31 +18,18 @@ from urdfcal.identifiability import Identifiability, Observability, identify, ob
 from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
+from urdfcal.nominal import nominal_fit
+from urdfcal.reading_suggestions import Trial, reading_suggestions
 from urdfcal.robot import Robot
 from urdfcal.sensors import makes_spot, spot_jacobian, spots_on_screen
 from urdfcal.simulation import joint_limits
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, start_sigma
+from urdfcal.suggestions import Suggestion, determined_names, if_worth, is_wider, open_share, posterior_of, whitened
 
 _SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
 _MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
 _ELSEWHERE = "tried elsewhere"
-_WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 _REACH = 3.0  # [m] longest beam of a pose that is suggested
-
-
-@dataclass(frozen=True)
-class Suggestion:
-    """Measurements that would help.
-
-    Attributes:
-        words: What to measure.
-        gain: Share of the open uncertainty that they remove, beyond what as many more of the same poses would.
-        determines: Parameters that would be determined in addition.
-    """
-
-    words: str
-    gain: float
-    determines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -83,22 +70,31 @@ def check(
 ) -> Check:
     """Tell what the fit poses of some measurements can determine; the spots' values play no part, only which were seen.
 
+    Readings of other instruments do play one: measuring frames, targets and places are put where they suit the nominal robot best.
+
     Args:
         robot: Nominal robot.
         data: Joint positions, and which beams were seen.
         options: What is to be calibrated.
-        spot_sigma: Noise of a spot coordinate, [m]; 1 mm if None.
+        spot_sigma: Noise of a spot coordinate, [m]; 1 mm if None. That of readings is what is stated with them, else
+            `readings.START_SIGMA`.
         joint_sigma: Noise of a joint reading, [rad].
         rng: For the poses that suggestions are tried with; seeded by default.
     """
     options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
-    fit_set, _ = fit_and_test(data)
-    errors = build_error_model(robot.chain, robot.rig, options, fit_set.session_names)
-    noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma))
-    H = _whitened(errors, fit_set, noise, errors.mean)
-    P = _posterior(errors, H)
+    fit_set = _with_known_places(fit_and_test(data)[0])
+    robot = as_measured(robot, fit_set)
+    errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, fit_set.session_names), fit_set)
+    noise = Noise(_assumed(fit_set, spot_sigma), joint_sigmas(robot, joint_sigma))
+    nominal = nominal_fit(errors, fit_set, noise)
+    errors = nominal.errors
+    H = whitened(errors, fit_set, noise, nominal.x)
+    P = posterior_of(errors, H)
     predicted = identify(errors.names, errors.mean, P, errors.sigma)
-    tried = [*_tried(robot, errors, options, fit_set, noise, H, rng), *_missing_yaw(robot, errors)]
+    if fit_set.readings:
+        tried = list(reading_suggestions(Trial(robot, errors, options, fit_set, noise, nominal.x), rng))
+    else:
+        tried = [*_tried(robot, errors, options, fit_set, noise, H, rng), *_missing_yaw(robot, errors)]
     return Check(
         robot=robot,
         errors=errors,
@@ -108,54 +104,39 @@ def check(
         predicted=predicted,
         sigma=np.sqrt(np.diag(P)),
         suggestions=tuple(sorted(tried, key=lambda suggestion: -suggestion.gain)),
-        warnings=(*data.warnings, *model_warnings(robot, errors, options)),
+        warnings=(*data.warnings, *model_warnings(robot, errors, options), *((no_scale,) if no_scale else ())),
     )
 
 
-def _whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) -> Matrix:
-    here = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma))).linearise(x)
-    return noise.weights(here).jacobian(here)
+def _with_known_places(data: Measurements) -> Measurements:
+    """Without the known lengths between places that none of these poses touches."""
+    touched = {place.name for place in data.instruments.places}
+    return replace(data, lengths=tuple(known for known in data.lengths if {known.one, known.other} <= touched))
 
 
-def _posterior(errors: ErrorModel, H: Matrix) -> Matrix:
-    rows, _ = compress(H, np.zeros(len(H)), errors.sigma)
-    return update(Belief(errors.mean, np.diag(errors.sigma**2)), np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
-
-
-def _open(errors: ErrorModel, P: Matrix) -> float:
-    """How much of the prior is left: the sum of posterior over prior variances."""
-    return float(np.sum(np.diag(P)[: len(errors.sigma)] / errors.sigma**2))
+def _assumed(data: Measurements, spot_sigma: float | None) -> Vector:
+    """Noise of every kind of measurement: as stated for spots, else what is usual, (kinds,)."""
+    sigma = start_sigma(data)
+    if data.lasers:
+        sigma[0] = spot_sigma or START_SPOT_SIGMA
+    return sigma
 
 
 def _tried(
     robot: Robot, errors: ErrorModel, options: ModelOptions, data: Measurements, noise: Noise, H: Matrix, rng: np.random.Generator
 ) -> Iterator[Suggestion]:
     """Candidate measurements that remove more of the open uncertainty than as many more of the same would."""
-    same = _posterior(errors, np.vstack([H, H]))
-    known = set(_determined(errors, same))
+    same = posterior_of(errors, np.vstack([H, H]))
+    known = set(determined_names(errors, same))
     candidates = [*_more_range(robot, errors, data, noise, rng), *_second_beam(robot, errors, data, noise)]
     for words, extra in candidates:
-        P = _posterior(errors, np.vstack([H, extra]))
-        yield from _worth(errors, words, _open(errors, same), P, known)
+        P = posterior_of(errors, np.vstack([H, extra]))
+        yield from if_worth(errors, words, open_share(errors, same), P, known)
     if errors.chain.steps[0].forward or errors.chain.screen_joint is not None:
-        yield from _worth(errors, _SESSION_WORDS, _open(errors, same), _with_session(robot, errors, options, data, noise, H), known)
+        yield from if_worth(errors, _SESSION_WORDS, open_share(errors, same), _with_session(robot, errors, options, data, noise, H), known)
 
 
 _SESSION_WORDS = "the same poses once more with the screen moved and turned (mark them as another `session`)"
-
-
-def _worth(errors: ErrorModel, words: str, before: float, P: Matrix, known: set[str]) -> Iterator[Suggestion]:
-    gain = 1 - _open(errors, P) / before
-    more = tuple(name for name in _determined(errors, P) if name not in known)
-    if gain > _WORTH_A_WORD or more:
-        yield Suggestion(words, gain, more)
-
-
-def _determined(errors: ErrorModel, P: Matrix) -> list[str]:
-    p = len(errors.names)
-    return [
-        name for name, yes in zip(errors.names, identify(errors.names, errors.mean, P[:p, :p], errors.sigma).determined, strict=True) if yes
-    ]
 
 
 def _more_range(
@@ -167,7 +148,7 @@ def _more_range(
         q = np.repeat(data.q, 8, axis=0)
         q[:, index] = rng.uniform(lower[index], upper[index], len(q))
         q = q[_meets_screen(errors, q)][rng.permutation(np.count_nonzero(_meets_screen(errors, q)))][: len(data)]
-        if len(q) < len(data) // 2 or not _wider(q[:, index], data.q[:, index]):
+        if len(q) < len(data) // 2 or not is_wider(q[:, index], data.q[:, index]):
             continue
         poses = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
         first = replace(poses, sessions=np.full(len(q), errors.sessions[0]))
@@ -175,11 +156,7 @@ def _more_range(
         reach = f"{q[:, index].min() / size:.0f} to {q[:, index].max() / size:.0f} {unit}"
         has = f"{data.q[:, index].min() / size:.0f} to {data.q[:, index].max() / size:.0f} {unit}"
         words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {reach}"
-        yield words, _whitened(errors, first, noise, errors.mean)
-
-
-def _wider(new: Vector, old: Vector) -> bool:
-    return bool(np.ptp(new) > 1.2 * np.ptp(old) + 1e-9)
+        yield words, whitened(errors, first, noise, errors.mean)
 
 
 def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
@@ -227,7 +204,7 @@ def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data:
     order = [moved.names.index(name) for name in errors.names] + [
         index for index, name in enumerate(moved.names) if name not in errors.names
     ]
-    P = _posterior(moved, np.vstack([wide, extra]))
+    P = posterior_of(moved, np.vstack([wide, extra]))
     return P[np.ix_(order, order)]
 
 

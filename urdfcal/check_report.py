@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.check import Check
-from urdfcal.geometry import MM
+from urdfcal.error_model import INSTRUMENTS
+from urdfcal.identifiability import HiddenSum, in_words
+from urdfcal.instrument_report import assumed_noise, parameters_in_words
 from urdfcal.report import carried_lines, displayed, figures_table, titled
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ _MEANINGS = {
 def check_blocks(check: Check) -> list[RenderableType]:
     """Verdict, hidden and weak directions, expected sigmas, indices, gauge and what would help."""
     blocks: list[RenderableType] = [_verdict(check)]
-    blocks += _section("Hidden in these measurements:", [hidden.words() for hidden in check.observability.hidden])
+    blocks += _section("Hidden in these measurements:", [_hidden(check, hidden) for hidden in _of_robot(check)])
     blocks += _section(
         "Seen, but not well enough to halve the prior:",
         [f"{words}: {times:.0f} times worse than the median direction" for words, times in check.observability.weak],
@@ -50,7 +52,7 @@ def check_json(check: Check) -> dict[str, Any]:
         ],
         "rank": check.observability.rank,
         "determined": check.predicted.rank,
-        "hidden": [{"terms": hidden.terms, "seen": hidden.seen, "words": hidden.words()} for hidden in check.observability.hidden],
+        "hidden": [{"terms": hidden.terms, "seen": hidden.seen, "words": _hidden(check, hidden)} for hidden in _of_robot(check)],
         "weak": [{"words": words, "times_worse": times} for words, times in check.observability.weak],
         "observability": check.observability.indices,
         "singular_values": check.observability.singular_values.tolist(),
@@ -65,12 +67,25 @@ def check_json(check: Check) -> dict[str, Any]:
 
 def _verdict(check: Check) -> str:
     count, seen, decided = len(check.errors.names), check.observability.rank, check.predicted.rank
-    poses, spots = len(check.data), int(check.data.seen.sum())
+    what = "spots" if not check.data.readings else "measurements"
     return (
-        f"{check.robot.name}: {count} parameters, {poses} poses with {spots} spots\n"
-        f"the spots move with {seen} of {count} directions; "
-        f"with {check.noise.spot_sigma / MM:.3g} mm of spot noise a fit would determine {decided}"
+        f"{check.robot.name}: {parameters_in_words(check.errors)}, {len(check.data)} poses with {check.data.summary}\n"
+        f"the {what} move with {seen} of {count} directions; with {assumed_noise(check.data, check.noise)} a fit would determine {decided}"
     )
+
+
+def _of_robot(check: Check) -> list[HiddenSum]:
+    """What is hidden of the robot's own errors; frames, targets and places are nobody's."""
+    own = {parameter.name for parameter in check.errors.parameters if parameter.kind not in INSTRUMENTS}
+    return [hidden for hidden in check.observability.hidden if not own.isdisjoint(hidden.terms)]
+
+
+def _hidden(check: Check, hidden: HiddenSum) -> str:
+    """`only joint1.d_d + joint2.d_d moves the spots`, or the measurements."""
+    if not check.data.readings:
+        return hidden.words()
+    words = in_words(hidden.terms)
+    return f"only {words} moves the measurements" if hidden.seen else f"{words} moves no measurement"
 
 
 def _sigma_table(check: Check) -> RenderableType:
@@ -79,6 +94,8 @@ def _sigma_table(check: Check) -> RenderableType:
         table.add_column(name, justify="right")
     table.add_column("unit")
     for parameter, sigma, determined in zip(check.errors.parameters, check.sigma, check.predicted.determined, strict=True):
+        if parameter.kind in INSTRUMENTS:
+            continue
         unit, size = displayed(parameter.unit)
         table.add_row(parameter.name, f"{parameter.sigma / size:.3g}", f"{sigma / size:.3g}" if determined else "not determined", unit)
     return titled("What a fit of these poses would claim", table)

@@ -5,8 +5,8 @@ where the rigid model is at
 
     q' = corrected_configuration(q) = q + own(q) + J^+(q) across(q)
 
-`own` are the deflections about the joints' own axes, exactly; `across` is the twist of the last link by the deflections about the other
-axes, which joints can only make up for as far as they can move the last link that way (J^+, damped least squares). A controller that
+`own` are the deflections about the joints' own axes, exactly; `across` is the twist of the module by the deflections about the other
+axes, which joints can only make up for as far as they can move the module that way (J^+, damped least squares). A controller that
 wants the arm where the rigid model is at q_wanted commands q = command(q_wanted), the inverse.
 
 Two files belong together: the URDF of the joint fit ends in a comment with the hash of the compensation, and the compensation names the
@@ -26,22 +26,20 @@ from typing import Any
 import numpy as np
 import yaml
 
+from urdfcal.arm_screws import ArmScrews
 from urdfcal.description import Description
-from urdfcal.error_model import ErrorModel, Parameter, Placements
 from urdfcal.errors import CalibrationFileError, ShapeMismatch
 from urdfcal.files import read_yaml
-from urdfcal.frame_jacobian import ArmKinematics, motion_at
-from urdfcal.geometry import Array3, Matrix, Vector
+from urdfcal.geometry import Matrix, Vector
 from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.instruments import Instruments, Target
 from urdfcal.robot import Robot, load_robot, robot_from
-from urdfcal.softness import Softness, Term, Yielding
-from urdfcal.target_sensors import skew
+from urdfcal.softness import Softness, Term
 
 _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would move
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
-_DAMPING = 0.01  # [m] near singular configurations joints do not chase what they can hardly move
-_ROUNDS = 4  # deflections are milliradians: each round of the inverse gains three digits
+_DAMPED = 0.01**2 * np.eye(6)  # [m^2] near singular configurations joints do not chase what they can hardly move
+_ROUNDS, _STILL = 8, 1e-12  # deflections are milliradians: each round of the inverse gains three digits
 _COMMENT = re.compile(rb"\n<!-- urdfcal compensation sha256 ([0-9a-f]{64}) -->\n?$")
 
 
@@ -51,12 +49,14 @@ class Compensation:
 
     Attributes:
         robot: The calibrated robot of the joint fit.
-        errors: An error model with nothing in it but the joints' softness, held at what was fitted.
-        sigma: Standard deviation of each of its terms, by name, [rad].
+        softness: How its joints give way.
+        values: Parameter of each of its terms, by name, [rad].
+        sigma: Standard deviation of each of them, by name, [rad].
     """
 
     robot: Robot
-    errors: ErrorModel
+    softness: Softness
+    values: Mapping[str, float]
     sigma: Mapping[str, float]
 
     @property
@@ -67,7 +67,7 @@ class Compensation:
     @property
     def joints(self) -> tuple[str, ...]:
         """Names of the joints that configurations are of, in order."""
-        return self.robot.chain.input_names
+        return self.softness.chain.input_names
 
     def corrected_configuration(self, q: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
         """What to feed the calibrated model so that its forward kinematics is where the arm is.
@@ -80,12 +80,11 @@ class Compensation:
             Of q's shape.
 
         Raises:
-            ShapeMismatch: q has not one number a joint.
+            ShapeMismatch: q has not one number a joint, or the payload not one a pose.
         """
-        single, rows = np.ndim(q) == 1, self._checked(q)
-        masses = None if payload is None else np.broadcast_to(np.asarray(payload, dtype=float), (len(rows),))
-        corrected = rows + self._deflection(rows, masses)
-        return np.asarray(corrected[0] if single else corrected)
+        rows = self._checked(q)
+        corrected = rows + self._deflection(rows, self._masses(payload, len(rows)))
+        return np.asarray(corrected[0] if np.ndim(q) == 1 else corrected)
 
     def command(self, q_wanted: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
         """What to command so that the arm is where the calibrated model is at q_wanted.
@@ -96,82 +95,80 @@ class Compensation:
 
         Returns:
             Of q_wanted's shape.
+
+        Raises:
+            ShapeMismatch: as above.
         """
-        wanted = np.asarray(q_wanted, dtype=float)
+        wanted = self._checked(q_wanted)
+        masses = self._masses(payload, len(wanted))
         q = wanted
         for _ in range(_ROUNDS):
-            q = wanted - (self.corrected_configuration(q, payload) - q)
-        return q
+            last, q = q, wanted - self._deflection(q, masses)
+            if np.max(np.abs(q - last), initial=0.0) < _STILL:
+                break
+        return np.asarray(q[0] if np.ndim(q_wanted) == 1 else q)
 
-    def deflections(self, q: Matrix, payload: Vector | None = None) -> Matrix:
+    def deflections(self, q: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
         """Angle by which each term turns its joint, (n, terms), [rad], in the order of `softness.terms`."""
-        return self._softness.basis(self._checked(q), payload) * self._values
+        rows = self._checked(q)
+        return self.softness.basis(rows, self._masses(payload, len(rows))) * self._values
 
     def _checked(self, q: Matrix | Vector) -> Matrix:
-        rows = np.atleast_2d(np.asarray(q, dtype=float))
-        if rows.shape[1:] != (len(self.joints),):
+        rows = np.asarray(q, dtype=float)
+        rows = rows[None] if rows.ndim == 1 else rows
+        if rows.ndim != 2 or rows.shape[1] != len(self.joints):
             raise ShapeMismatch(f"expected positions of the joints {', '.join(self.joints)}, found shape {np.shape(q)}")
         return rows
 
-    @property
-    def _softness(self) -> Softness:
-        assert self.errors.soft is not None
-        return self.errors.soft
-
-    @cached_property
-    def _values(self) -> Vector:
-        return np.array([self.errors.held[term.name] for term in self._softness.terms])
-
-    @cached_property
-    def _arm(self) -> ArmKinematics:
-        return ArmKinematics(self.errors.chain, self._softness.bends)
+    def _masses(self, payload: float | Vector | None, n: int) -> Vector | None:
+        if payload is None:
+            return None
+        masses = np.asarray(payload, dtype=float)
+        if masses.shape not in ((), (n,)):
+            raise ShapeMismatch(f"expected one payload, or {n}; found shape {masses.shape}")
+        return np.broadcast_to(masses, (n,))
 
     def _deflection(self, q: Matrix, payload: Vector | None) -> Matrix:
         """What has to be added to the readings, (n, joints)."""
-        softness, arm = self._softness, self._arm
-        basis = softness.basis(q, payload)
-        own = (basis * self._values) @ self._own_joints
-        if not self._across:
+        angles = self.softness.basis(q, payload) * self._values
+        own = angles @ self._own_joints
+        if not self._twisting:
             return own
-        x = self._values[self._across]
-        yielding = Yielding(np.arange(len(x)), self._joints_across, tuple(range(len(x))), basis[:, self._across], np.zeros(len(x)))
-        motion = motion_at(arm, self._placed, arm.chain_positions(q + own), joints=True, yielding=yielding)
-        point = motion.frames[-1][:, :, 3] if len(motion.frames) else motion.source[:, 0]
-        J, wanted = _at(point, motion.joint_jacobian) * _SCALE, _at(point, (motion.jac1 @ x)[..., None]) * _SCALE
-        inverse = J.transpose(0, 2, 1) @ np.linalg.inv(J @ J.transpose(0, 2, 1) + _DAMPING**2 * np.eye(6))
-        return np.asarray(own + (inverse @ wanted)[..., 0])
+        columns = len(self.softness.chain.moving)
+        twists = self._arm.twists(q + own) * _SCALE
+        J = twists[:, :, :columns] @ self.softness.chain.coupling.T
+        wanted, Jt = twists[:, :, columns:] @ angles[:, self._twisting, None], J.transpose(0, 2, 1)
+        return np.asarray(own + (Jt @ np.linalg.solve(J @ Jt + _DAMPED, wanted))[:, :, 0])
 
     @cached_property
-    def _across(self) -> list[int]:
-        """Terms about axes across their joint's own."""
-        return [number for number, term in enumerate(self._softness.terms) if term.axis is not None]
-
-    @cached_property
-    def _joints_across(self) -> tuple[int, ...]:
-        return tuple(self._softness.terms[number].joint for number in self._across)
+    def _values(self) -> Vector:
+        return np.array([self.values[term.name] for term in self.softness.terms])
 
     @cached_property
     def _own_joints(self) -> Matrix:
-        """Which measured joint each term about a joint's own axis turns, (terms, joints)."""
-        chain, shares = self._softness.chain, np.zeros((len(self._softness.terms), len(self.joints)))
-        for number, term in enumerate(self._softness.terms):
+        """Which measured joint each term about a joint's own axis turns, (terms, joints).
+
+        A joint that others follow, and one that follows, cannot be turned alone.
+        """
+        chain, shares = self.softness.chain, np.zeros((len(self.softness.terms), len(self.joints)))
+        alone = np.count_nonzero(chain.coupling, axis=1) == 1
+        for number, term in enumerate(self.softness.terms):
             name = chain.moving[term.joint].joint.name
-            if term.axis is None and name in self.joints:
+            if term.axis is None and name in self.joints and alone[self.joints.index(name)]:
                 shares[number, self.joints.index(name)] = 1.0
         return shares
 
     @cached_property
-    def _placed(self) -> Placements:
-        """The chain's constants, with a column for every term across."""
-        terms = [self._softness.terms[number] for number in self._across]
-        free = replace(self.errors, parameters=tuple(Parameter(term.name, "rad", "soft", 0.0, 1.0) for term in terms), held={})
-        return free.placements(np.zeros(len(terms)), free.sessions[0])
+    def _twisting(self) -> list[int]:
+        """Terms that no measured joint makes up for by itself: about axes across, and of joints that share their measured one."""
+        return np.flatnonzero(~self._own_joints.any(axis=1)).tolist()
 
-
-def _at(point: Matrix, twists: Array3) -> Array3:
-    """Twists at the common origin as they move a point (n, 3): [v + w x p, w]."""
-    v, w = twists[:, :3], twists[:, 3:]
-    return np.concatenate([v - skew(point) @ w, w], axis=1)
+    @cached_property
+    def _arm(self) -> ArmScrews:
+        terms = [self.softness.terms[number] for number in self._twisting]
+        own = [self.softness.chain.moving[term.joint].joint.axis for term in terms]
+        axes = [np.array(axis if term.axis is None else term.axis) for term, axis in zip(terms, own, strict=True)]
+        return ArmScrews(self.robot, [term.joint for term in terms], axes)
 
 
 def compensation_files(
@@ -255,8 +252,8 @@ def _compensation(robot: Robot, weighed: WeighedRobot, terms: Sequence[tuple[str
         raise CalibrationFileError(f"joint '{unknown[0]}' is not between the links of its rig; there are: {', '.join(names)}", path)
     placed = tuple(replace(term, joint=names.index(joint)) for joint, term, _, _ in terms)
     softness = Softness(robot.chain, placed, weighed, robot.rig.module)
-    held = {term.name: value for _, term, value, _ in terms}
-    return Compensation(robot, ErrorModel(robot.chain, (), (), held=held, soft=softness), {term.name: sigma for _, term, _, sigma in terms})
+    values = {term.name: value for _, term, value, _ in terms}
+    return Compensation(robot, softness, values, {term.name: sigma for _, term, _, sigma in terms})
 
 
 def _read_term(entry: Any) -> tuple[str, Term, float, float]:
@@ -272,11 +269,11 @@ def _require_pair(path: Path, urdf: Path, expected: str) -> None:
     except OSError as error:
         found = f"its URDF {urdf} cannot be read: {error.strerror or error}"
         raise CalibrationFileError(f"{found}; keep the two files together", path) from None
-    found = _COMMENT.search(text)
-    bare = text[: found.start()] if found else text
+    comment = _COMMENT.search(text)
+    bare = text[: comment.start()] if comment else text
     if hashlib.sha256(bare).hexdigest() != expected:
         raise CalibrationFileError(f"{urdf} is not the URDF that it was fitted with; write both anew with --compensation", path)
-    if found is None or found[1].decode() != hashlib.sha256(own).hexdigest():
+    if comment is None or comment[1].decode() != hashlib.sha256(own).hexdigest():
         raise CalibrationFileError(f"{urdf} belongs to another compensation; write both anew with --compensation", path)
 
 

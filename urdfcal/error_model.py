@@ -242,6 +242,10 @@ class ErrorModel:
             x=np.array(values),
         )
 
+    def yielding_at(self, x: Vector, q: Matrix) -> Yielding | None:
+        """The same for joint positions (n, inputs) with no payload of their own and no direction of the last move."""
+        return self.yielding(x, self.soft.basis(q)) if self.soft is not None else None
+
     @cached_property
     def _soft_columns(self) -> list[tuple[int, int]]:
         """Column of x and moving joint of every soft parameter."""

@@ -32,7 +32,7 @@ from urdfcal.error_model import ErrorModel, Parameter
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.noise import Noise
 
-START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m] and [rad]: quartiles of real arms lie around them
+START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m] and [rad]: within a factor of about 2.5 of real arms' medians
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance
@@ -151,7 +151,7 @@ class _Sums:
     def factor(self, dx: Vector, P: Matrix, size: float) -> float:
         """How many times larger its noise is, by the misfit over its degrees of freedom."""
         freedom = self.count - float(np.sum(P * self.A)) / size**2
-        misfit = self.c - 2 * self.b @ dx + dx @ self.A @ dx
+        misfit = float(self.c - 2 * self.b @ dx + dx @ self.A @ dx)
         return float(np.sqrt(max(misfit, 1e-12 * self.c) / max(freedom, 1.0)))
 
 

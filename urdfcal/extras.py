@@ -9,7 +9,8 @@ import numpy as np
 
 from urdfcal.error_table import rms_mm
 from urdfcal.fit_result import FitResult
-from urdfcal.prediction import base_link, tool_sigma
+from urdfcal.geometry import MM
+from urdfcal.prediction import SpotAccuracy, base_link, poses_in_view, spot_accuracy, tool_sigma
 from urdfcal.report import spot_table_block, table_json
 from urdfcal.robot import Robot
 from urdfcal.simulation import joint_limits
@@ -54,16 +55,38 @@ def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.
     return WorkspaceAccuracy(link, base_link(robot, link), float(mm), float(mrad), float(sigma[:, 0].max()))
 
 
+def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:
+    """How far off the spots still are over the workspace, by the fit's covariance; None where no laser was seen."""
+    if not calibration.data.seen.any():
+        return None
+    errors, x = calibration.errors, calibration.x
+    q = poses_in_view(robot, errors, x, calibration.data, rng)
+    return spot_accuracy(errors, calibration.covariance, x, q if len(q) else calibration.data.q)
+
+
 @dataclass(frozen=True)
 class Extras:
-    """What was asked for beyond the fit itself."""
+    """What is said beyond the fit itself.
+
+    Attributes:
+        accuracy: Of a tool, if it was asked for.
+        folds: Cross-validation, if it was asked for.
+        spots: Predicted accuracy of the spots, where there are lasers.
+    """
 
     accuracy: WorkspaceAccuracy | None
     folds: CrossValidation | None
+    spots: SpotAccuracy | None = None
 
     def blocks(self) -> list[RenderableType]:
         """For people."""
         blocks: list[RenderableType] = []
+        if self.spots is not None:
+            rows = zip(self.spots.lasers, self.spots.median / MM, self.spots.most / MM, self.spots.worst / MM, strict=True)
+            words = "; ".join(
+                f"{laser} {median:.2g} mm, 95 % under {most:.2g} mm, worst {worst:.2g} mm" for laser, median, most, worst in rows
+            )
+            blocks += ["", f"Predicted error of the spots over the workspace, without the noise of seeing them (median): {words}"]
         if self.accuracy is not None:
             blocks += ["", self.accuracy.words()]
         if self.folds is not None:
@@ -75,6 +98,11 @@ class Extras:
     def machine(self) -> dict[str, Any]:
         """For machines."""
         machine: dict[str, Any] = {}
+        if self.spots is not None:
+            rows = zip(self.spots.lasers, self.spots.median, self.spots.most, self.spots.worst, strict=True)
+            machine["predicted_spots"] = {
+                laser: {"median": float(median), "quantile_95": float(most), "worst": float(worst)} for laser, median, most, worst in rows
+            }
         if self.accuracy is not None:
             machine["tool"] = asdict(self.accuracy)
         if self.folds is not None:

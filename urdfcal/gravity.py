@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.errors import UsageError
+from urdfcal.errors import UsageError, no_such
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.robot import Robot
 from urdfcal.urdf_tree import UrdfJoint
-from urdfcal.whole_robot import whole_configurations
+from urdfcal.whole_robot import WholeRobot
 
 G = 9.81  # [m/s^2]
 _ROD, _DRIVE = 8.0, 1.5  # [kg/m] and [kg] of a generic link
@@ -57,16 +57,18 @@ class WeighedRobot:
         if self.generic:
             _give_generic_masses(self.model, robot)
         for link, mass in gravity.payloads.items():
-            self._hang(link, mass)
+            self._hang(self.model, link, mass)
         self.model.gravity.linear = G * np.array(gravity.direction)
         self.data = self.model.createData()
         self.joints = [self.model.getJointId(step.joint.name) for step in robot.chain.moving]
+        self.whole = WholeRobot(robot, robot.chain.input_names)
+        self._kilograms: dict[str, tuple[Any, Any]] = {}
 
-    def _hang(self, link: str, mass: float) -> None:
-        if not self.model.existFrame(link, pin.BODY):
-            raise UsageError(f"--payload {mass:g}@{link}: there is no link '{link}' in {self.robot.name}")
-        frame = self.model.frames[self.model.getFrameId(link, pin.BODY)]
-        self.model.appendBodyToJoint(frame.parentJoint, pin.Inertia(mass, np.zeros(3), np.zeros((3, 3))), frame.placement)
+    def _hang(self, model: Any, link: str, mass: float) -> None:
+        if not model.existFrame(link, pin.BODY):
+            raise UsageError(f"--payload {mass:g}@{link}: {no_such('link', link, self.robot.tree.links)}")
+        frame = model.frames[model.getFrameId(link, pin.BODY)]
+        model.appendBodyToJoint(frame.parentJoint, pin.Inertia(mass, np.zeros(3), np.zeros((3, 3))), frame.placement)
 
     def moments(self, q: Matrix) -> Array3:
         """Moments of gravity on what each moving joint carries, about its origin in its own frame, (n, moving, 3), [N m].
@@ -74,19 +76,24 @@ class WeighedRobot:
         Args:
             q: Positions of the measured joints, (n, inputs), [rad] or [m].
         """
-        whole = whole_configurations(self.robot, q)
-        rest, moments = np.zeros(self.model.nv), np.empty((len(q), len(self.joints), 3))
-        for pose, configuration in enumerate(whole):
-            pin.rnea(self.model, self.data, configuration, rest, rest)
-            for place, joint in enumerate(self.joints):
-                moments[pose, place] = self.data.f[joint].angular
-        return -moments
+        return self._moments(self.model, self.data, q)
 
     def payload_moments(self, q: Matrix, link: str) -> Array3:
         """Moments per kilogram at the origin of a link, as `moments`, (n, moving, 3), [N m/kg]."""
-        bare = WeighedRobot(self.robot, Gravity(self.gravity.direction))
-        loaded = WeighedRobot(self.robot, Gravity(self.gravity.direction, {link: 1.0}))
-        return loaded.moments(q) - bare.moments(q)
+        if link not in self._kilograms:
+            model = self.model.copy()
+            for index in range(model.njoints):
+                model.inertias[index] = pin.Inertia.Zero()
+            self._hang(model, link, 1.0)
+            self._kilograms[link] = model, model.createData()
+        return self._moments(*self._kilograms[link], q)
+
+    def _moments(self, model: Any, data: Any, q: Matrix) -> Array3:
+        rest, moments = np.zeros(model.nv), np.empty((len(q), len(self.joints), 3))
+        for pose, configuration in enumerate(self.whole.configurations(q)):
+            pin.rnea(model, data, configuration, rest, rest)
+            moments[pose] = [data.f[joint].angular for joint in self.joints]
+        return -moments
 
 
 def parse_gravity(text: str) -> tuple[float, float, float]:

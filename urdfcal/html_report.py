@@ -8,8 +8,10 @@ from html import escape
 
 from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
 from urdfcal.fit_result import FitResult
+from urdfcal.instrument_report import measuring_frame
 from urdfcal.page_style import STYLE
 from urdfcal.parameter_plots import convergence_pictures, value_pictures
+from urdfcal.reading_plots import component_pictures, consistency_pictures, place_pictures, size_pictures
 from urdfcal.report_content import Report
 from urdfcal.spot_plots import histogram_pictures, screen_pictures
 from urdfcal.svg_plots import Picture, house_style
@@ -39,7 +41,11 @@ def pictures(report: Report, calibration: FitResult) -> list[Picture]:
     with house_style():
         return [
             *screen_pictures(report.residuals, report.suspects),
-            *(histogram_pictures(report.residuals) if calibration.data.lasers else ()),
+            *histogram_pictures(report.residuals),
+            *place_pictures(report.readings, report.suspects, measuring_frame(calibration)),
+            *size_pictures(report.readings),
+            *component_pictures(report.readings),
+            *consistency_pictures(report.readings),
             *convergence_pictures(calibration),
             *value_pictures(calibration),
         ]
@@ -73,7 +79,8 @@ def _block(block: Block, drawn: Sequence[Picture]) -> str:
     if isinstance(block, Points):
         return f"<ul>{''.join(f'<li>{_words(line)}</li>' for line in block.lines)}</ul>\n"
     if isinstance(block, Gallery):
-        return f'<div class="gallery {block.key}">{"".join(_picture(each) for each in drawn if each.gallery == block.key)}</div>\n'
+        own = "".join(_picture(each) for each in drawn if each.gallery == block.key)
+        return f'<div class="gallery {block.key}">{own}</div>\n' if own else ""
     return f"<p>{_words(block)}</p>\n"
 
 

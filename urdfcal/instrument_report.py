@@ -6,8 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from urdfcal.error_model import INSTRUMENTS, ErrorModel
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, exponentials, product, xyz_rpy
+from urdfcal.measurements import Measurements
+from urdfcal.noise import Noise
 from urdfcal.robot import Robot
 from urdfcal.slots import Slot
 from urdfcal.spot_model import kinds_of
@@ -34,6 +37,35 @@ def noise_in_words(calibration: FitResult) -> str:
     return ", ".join(words)
 
 
+def assumed_noise(data: Measurements, noise: Noise) -> str:
+    """`1 mm of spot noise`, `0.5 mm of point noise and 0.05 deg of orientation noise`; what measurements state of their own is not told."""
+    words = []
+    for kind, sigma in zip(kinds_of(data), noise.sigma.tolist(), strict=True):
+        name, size, unit = _NOISE[kind]
+        words.append(f"{sigma / size:.3g} {unit} of {name}")
+    return " and ".join(words)
+
+
+def first_kind(calibration: FitResult) -> tuple[str, str, float]:
+    """What the history's residual is of, in words, the unit in which people read it, and that unit's size in SI."""
+    kind = kinds_of(calibration.data)[0]
+    _, size, unit = _NOISE[kind]
+    return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, size
+
+
+def parameters_in_words(errors: ErrorModel) -> str:
+    """`33 parameters`; where there are instruments, `18 parameters of the robot, 12 of frames and targets, 36 of places`."""
+    of_places = sum(parameter.kind == "place" for parameter in errors.parameters)
+    of_frames = sum(parameter.kind in INSTRUMENTS for parameter in errors.parameters) - of_places
+    of_camera = sum(parameter.kind == "camera" for parameter in errors.parameters)
+    own = len(errors.parameters) - of_places - of_frames - of_camera
+    if own == len(errors.parameters):
+        return f"{own} parameters"
+    further = [(of_frames, "frames and targets" if any(slot.kind == "reference" for slot in errors.slots) else "targets")]
+    further += [(of_places, "places"), (of_camera, "the camera")]
+    return ", ".join([f"{own} parameters of the robot", *(f"{count} of {what}" for count, what in further if count)])
+
+
 def rig_in_words(robot: Robot) -> str:
     """Screen, module and lasers; reference and targets."""
     rig, words = robot.rig, []
@@ -42,6 +74,12 @@ def rig_in_words(robot: Robot) -> str:
     if rig.instruments.targets:
         words.append(f"reference {rig.instruments.reference}; targets {', '.join(target.name for target in rig.instruments.targets)}")
     return "; ".join(words)
+
+
+def measuring_frame(calibration: FitResult) -> str:
+    """What coordinates of targets and places are in."""
+    instruments = calibration.robot.rig.instruments
+    return "the measuring frame" if instruments.placed else f"the frame of {instruments.reference}"
 
 
 def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
@@ -68,6 +106,44 @@ def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
                 }
             )
     return entries
+
+
+def place_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Where sockets, planes and the ends of wires were found, in the measuring frame, SI; a plane is normal . p = offset."""
+    errors = calibration.errors
+    values = {**errors.held, **dict(zip(errors.names, calibration.x.tolist(), strict=True))}
+    sigmas = dict(zip(errors.names, calibration.sigma.tolist(), strict=True))
+    entries: list[dict[str, Any]] = []
+    for place in calibration.data.instruments.places:
+        names = [f"{place.name}.{name}" for name in place.names]
+        if not all(name in values for name in names):
+            continue
+        found = [values[name] for name in names]
+        entry: dict[str, Any] = {"name": place.name}
+        if place.name in errors.planes:
+            lean = errors.planes[place.name] @ np.array([1.0, *found[:2]])
+            entry |= {"normal": (lean / np.linalg.norm(lean)).tolist(), "offset": found[2]}
+        else:
+            entry["xyz"] = found
+        lengths = [sigmas.get(name, 0.0) for name, unit in zip(names, place.units, strict=True) if unit == "m"]
+        entries.append({**entry, "sigma": float(np.sqrt(np.mean(np.square(lengths))))})
+    return entries
+
+
+def length_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Known distances between places, and those that were found, SI."""
+    places = {entry["name"]: entry["xyz"] for entry in place_entries(calibration) if "xyz" in entry}
+    return [
+        {
+            "one": known.one,
+            "other": known.other,
+            "known": known.length,
+            "sigma": known.sigma,
+            "found": float(np.linalg.norm(np.subtract(places[known.one], places[known.other]))),
+        }
+        for known in calibration.data.lengths
+        if known.one in places and known.other in places
+    ]
 
 
 def _sigma(calibration: FitResult, slot: Slot, label: str, part: str) -> float:

@@ -89,6 +89,14 @@ def key_frames(scene: Scene) -> KeyFrames:
     return KeyFrames(np.array(times), np.array(q), rows)
 
 
+def jumps(keys: KeyFrames) -> tuple[Vector, Rows]:
+    """Times just before and behind every change of pose, and the row of the data that is shown at each."""
+    count = len(keys.rows)
+    edges = np.arange(1, count) + 0.5
+    times = np.concatenate([[0.0], np.stack([edges - 0.01, edges + 0.01], -1).ravel(), [count + HELD]])
+    return times, keys.rows[np.repeat(np.arange(count), 2)]
+
+
 def animated_rows(scene: Scene) -> Rows:
     """Which rows of the data are animated."""
     n = len(scene.data)

@@ -137,9 +137,15 @@ class Measurements:
         return ~np.isnan(self.spots[..., 0])
 
     @property
+    def observed(self) -> Mask:
+        """At which poses anything was seen, (n,)."""
+        masks = [self.seen.any(axis=1), *(each.seen for each in self.readings)]
+        return np.asarray(np.any(masks, axis=0))
+
+    @property
     def empty(self) -> bool:
         """Whether nothing was seen at all."""
-        return not (self.seen.any() or any(each.seen.any() for each in self.readings))
+        return not self.observed.any()
 
     @property
     def numbers(self) -> int:
@@ -170,8 +176,10 @@ class Measurements:
         index = np.asarray(rows)
         per_pose = {name: getattr(self, name)[index] for name in ("q", "spots", "sigma", "poses", "sets", "sessions")}
         readings = tuple(each.subset(index) for each in self.readings)
+        left = {place.name for each in readings for place in each.places}
+        lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
         per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in ("payload", "approach")}
-        return replace(self, **per_pose, readings=readings, lines=None if self.lines is None else self.lines[index], warnings=())
+        return replace(self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=())
 
     def split(self) -> tuple[Measurements, Measurements]:
         """The poses to fit and the poses to test, by the `set` column."""

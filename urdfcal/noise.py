@@ -89,7 +89,7 @@ class Linearisation:
     def rms(self) -> float:
         """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
         first = self.kinds == 0
-        return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(np.count_nonzero(self.measured[:, first]), 1)))
+        return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise) -> Nominal
     alone, x = instruments_alone(errors), errors.mean.copy()
     if alone.names:
         prior = Belief(alone.mean, np.diag(alone.sigma**2))
-        found = iterated_schedule(SpotModel(alone, data).linearise, prior, noise).belief.x
+        found = iterated_schedule(_model(alone, data, noise).linearise, prior, noise).belief.x
         x[[errors.names.index(name) for name in alone.names]] = found
         return NominalFit(errors, alone, found, x, noise)
     return NominalFit(errors, alone, np.empty(0), x, noise)
@@ -81,5 +81,10 @@ def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: No
     )
     held = {**errors.held, **dict(zip(errors.names, x.tolist(), strict=True))}
     there = with_places(replace(errors, parameters=parameters, held=held), data)
-    found = iterated_schedule(SpotModel(there, data).linearise, Belief(there.mean, np.diag(there.sigma**2)), replace(noise, stated=True))
+    prior = Belief(there.mean, np.diag(there.sigma**2))
+    found = iterated_schedule(_model(there, data, noise).linearise, prior, replace(noise, stated=True))
     return there, found.belief.x
+
+
+def _model(errors: ErrorModel, data: Measurements, noise: Noise) -> SpotModel:
+    return SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))

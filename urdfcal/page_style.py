@@ -61,6 +61,7 @@ thead .groups th { color: var(--ink); font-weight: 600; text-align: right; }
 .figure { text-align: right; white-space: nowrap; padding-left: .5rem; }
 #provenance td { max-width: 44rem; overflow-wrap: anywhere; }
 #outliers td { min-width: 6rem; }
+#outliers tbody th { white-space: normal; overflow-wrap: anywhere; min-width: 7rem; }
 th { white-space: nowrap; }
 td { min-width: 3rem; }
 #combinations tbody th { white-space: normal; min-width: 11rem; }
@@ -75,7 +76,7 @@ td { min-width: 3rem; }
   display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 20rem), 1fr));
   gap: 1.75rem 2rem; margin: 1.25rem 0; align-items: start;
 }
-.gallery.spots { grid-template-columns: repeat(auto-fit, minmax(min(100%, 25rem), 1fr)); }
+.gallery.spots, .gallery.components, .gallery.consistency { grid-template-columns: repeat(auto-fit, minmax(min(100%, 25rem), 1fr)); }
 figure { margin: 0; max-width: 32rem; }
 figcaption { color: var(--soft); font-size: .85rem; line-height: 1.4; margin-top: .25rem; }
 svg { display: block; width: 100%; height: auto; overflow: visible; }

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.error_model import Parameter
+from urdfcal.error_model import INSTRUMENTS, Parameter
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import MM, Matrix
+from urdfcal.geometry import Matrix
+from urdfcal.instrument_report import first_kind
 from urdfcal.report import displayed
 from urdfcal.svg_plots import BAND, DASHES, INK, MARKERS, SERIES, Picture, draw_picture, sane
 
@@ -19,8 +20,17 @@ if TYPE_CHECKING:
 
 _MOST_SWEEPS = 200
 _FEW_SWEEPS = 40
+_MOST_NAMED = 24  # lines that a legend can hold
 _INTERVAL = 1.96  # sigmas that hold the truth 95 times in 100
-_GROUPS = {"joint": "Joint", "mount": "Mount", "screen": "Screen", "beam": "Beam"}
+_GROUPS = {
+    "joint": "Joint",
+    "mount": "Mount",
+    "screen": "Screen",
+    "beam": "Beam",
+    "reference": "Measuring frame",
+    "target": "Target",
+    "camera": "Camera",
+}
 _TITLES = {
     "d_a": "(a) Link lengths a",
     "d_d": "(b) Link offsets d",
@@ -40,16 +50,20 @@ def convergence_pictures(calibration: FitResult) -> list[Picture]:
     for title, columns in _panels(parameters).items():
         unit, size = displayed(parameters[columns[0]].unit)
         names = [_short(parameters[column], title) for column in columns]
-        found.append(_history(title, f"Estimates after each sweep, in {unit}.", unit, kept, sane(states[:, columns] / size), names))
-    rms = sane(np.array([[history[sweep].residual_rms / MM] for sweep in kept]))
-    return [*found, _history("RMS of a spot coordinate", "After each sweep.", "mm", kept, rms, [""], log=True)]
+        caption = f"Estimates after each sweep, in {unit}"
+        caption += ", against the start in closed form." if parameters[columns[0]].kind in INSTRUMENTS else "."
+        found.append(_history(title, caption, unit, kept, sane(states[:, columns] / size), names))
+    what, unit, size = first_kind(calibration)
+    rms = sane(np.array([[history[sweep].residual_rms / size] for sweep in kept]))
+    return [*found, _history(f"RMS of {what}", "After each sweep.", unit, kept, rms, [""], log=True)] if rms.any() else found
 
 
 def value_pictures(calibration: FitResult) -> list[Picture]:
     """Every parameter with its 95 % interval, lengths and angles apart."""
     found = []
     for unit_si, noun in (("m", "Lengths"), ("rad", "Angles")):
-        rows = [row for row, parameter in enumerate(calibration.errors.parameters) if parameter.unit == unit_si]
+        own = enumerate(calibration.errors.parameters)
+        rows = [row for row, parameter in own if parameter.unit == unit_si and parameter.kind not in INSTRUMENTS]
         if rows:
             unit, _ = displayed(unit_si)
             caption = f"Estimates with 95 % intervals, in {unit}; the band is the prior's. Hollow: not determined by the data."
@@ -70,6 +84,8 @@ def _panels(parameters: Sequence[Parameter]) -> dict[str, list[int]]:
     """Columns of the state by the panel in which they are drawn."""
     panels: dict[str, list[int]] = {title: [] for title in _TITLES.values()}
     for column, parameter in enumerate(parameters):
+        if parameter.kind == "place":  # sockets and planes are many, and nobody's errors
+            continue
         panels.setdefault(_title(parameter), []).append(column)
     return {title: columns for title, columns in panels.items() if columns}
 
@@ -77,7 +93,7 @@ def _panels(parameters: Sequence[Parameter]) -> dict[str, list[int]]:
 def _title(parameter: Parameter) -> str:
     last = parameter.name.rsplit(".", 1)[-1]
     motion = "translations" if parameter.unit == "m" else "rotations"
-    return _TITLES.get(last, f"{_GROUPS[parameter.kind]} {motion}")
+    return _TITLES.get(last, f"{_GROUPS.get(parameter.kind, parameter.kind.capitalize())} {motion}")
 
 
 def _short(parameter: Parameter, title: str) -> str:
@@ -101,6 +117,7 @@ def _history(
             _logarithmic(axes)
         _count_sweeps(axes, len(sweeps))
 
+    names = names if len(names) <= _MOST_NAMED else ["_none"] * len(names)
     columns = 4 if max(map(len, names)) < 9 else 3 if max(map(len, names)) < 15 else 2
     return draw_picture("convergence", title, caption, 2.9, draw, columns)
 

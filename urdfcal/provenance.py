@@ -23,6 +23,8 @@ from urdfcal.report import displayed
 from urdfcal.residuals import honest_covariance
 from urdfcal.verdict import count_of
 
+_KINDS = {"reference": "measuring frame", "target": "targets", "place": "places"}
+
 
 def provenance_table(calibration: FitResult, command: Sequence[str]) -> Table:
     """Command, versions, files with their hashes, noise, error model and priors."""
@@ -80,6 +82,8 @@ def _model_rows(calibration: FitResult) -> list[tuple[str, str]]:
         own = [parameter for parameter in calibration.errors.parameters if parameter.kind == kind]
         names = dict.fromkeys(parameter.name.rsplit(".", 1)[-1] for parameter in own)
         priors = dict.fromkeys(prior_text(parameter.sigma, parameter.unit) for parameter in own)
-        rows.append((f"{kind} errors", f"{count_of(len(own), 'parameter')} ({', '.join(names)}); prior sigma {', '.join(priors)}"))
+        rows.append(
+            (_KINDS.get(kind, f"{kind} errors"), f"{count_of(len(own), 'parameter')} ({', '.join(names)}); prior sigma {', '.join(priors)}")
+        )
     held = {name: value for name, value in calibration.errors.held.items() if value}
     return [*rows, ("held", ", ".join(held))] if held else rows

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,13 +79,14 @@ def refusal(columns: Sequence[TargetColumn], units: Mapping[str, str]) -> tuple[
     return None
 
 
-def lost_column(names: Iterable[str], robot: Robot) -> tuple[str, str] | None:
+def lost_column(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
     """Where a header means nothing at all: the first column that looks like a target's, and what is wrong with its link or its ending."""
-    links, kinds = robot.tree.links, [kind for kind in _KINDS if not kind.startswith("sigma")]
+    known, links, kinds = set(names), robot.tree.links, [kind for kind in _KINDS if not kind.startswith("sigma")]
     for name in names:
         target, dot, what = name.rpartition(".")
         link = target if target in links else target.partition(":")[0]
-        if dot and what in kinds and link not in links:
+        spot = what in ("y", "z") and f"{target}.x" not in known  # which has reasons of its own to be lost
+        if dot and what in kinds and link not in links and not spot:
             return name, no_such("link", link, links)
         if dot and link in links and what not in _KINDS:
             return name, f"the ending '.{what}' means nothing; expected one of {', '.join(f'.{kind}' for kind in kinds)}"

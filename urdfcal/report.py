@@ -14,8 +14,8 @@ from urdfcal.calibration_file import parameter_entries
 from urdfcal.dh import DhRow
 from urdfcal.error_model import INSTRUMENTS
 from urdfcal.geometry import DEG, MM
-from urdfcal.identifiability import correlated_groups
-from urdfcal.instrument_report import frame_entries, noise_in_words
+from urdfcal.identifiability import Combination, correlated_groups
+from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
 from urdfcal.spot_model import kinds_of
 
 if TYPE_CHECKING:
@@ -77,9 +77,10 @@ def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]], 
         for laser, row in before.items():
             figures = [row.mean, row.std, row.max]
             figures += [after[laser].mean, after[laser].std, after[laser].max] if after is not None else []
-            unit = "" if row.unit == "mm" else f" [{row.unit}]"
+            unit = "" if row.unit == "mm" else f" in {row.unit}"
             table.add_row(label, f"{laser}{unit}", str(row.n), *(_mm(figure) for figure in figures))
-    return titled(f"Distance from measured to predicted {'spot' if spots else 'position'}, in mm", table)
+    units = dict.fromkeys(row.unit for _, before, _ in rows for row in before.values())
+    return titled(f"Distance from measured to predicted{' spot' if spots else ''}, in {' and '.join(units) or 'mm'}", table)
 
 
 def parameter_table(calibration: FitResult) -> RenderableType:
@@ -154,6 +155,8 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
         "noise": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
         "frames": frame_entries(calibration),
+        "places": place_entries(calibration),
+        "lengths": length_entries(calibration),
         "spot_sigma_stated": noise.all_stated,
         "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         "parameters": parameter_entries(calibration),
@@ -183,7 +186,7 @@ def _headline(calibration: FitResult) -> str:
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
-        f"{calibration.robot.name}: {len(calibration.errors.names)} parameters from {len(data)} poses with {data.summary}\n"
+        f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {len(data)} poses with {data.summary}\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
         f"{noise_in_words(calibration)} ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
@@ -194,13 +197,18 @@ def _frames(calibration: FitResult) -> list[RenderableType]:
     entries = frame_entries(calibration)
     if not entries:
         return []
-    table = figures_table("frame", "on link")
-    for name in ("x\nmm", "y\nmm", "z\nmm", "roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\nmm", "sigma\ndeg"):
-        table.add_column(name, justify="right")
+    table, turned = figures_table("frame", "on link"), any(entry["rotation_sigma"] is not None for entry in entries)
+    table.padding = (0, 1, 0, 0)  # the default spares no room for long names
+    names = ("x\nmm", "y\nmm", "z\nmm", "sigma\nmm", *(("roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\ndeg") if turned else ()))
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
     for entry in entries:
-        angles = [f"{angle / DEG:.3f}" for angle in entry["rpy"]] if entry["rotation_sigma"] is not None else ["", "", ""]
-        sigmas = [f"{entry['sigma'] / MM:.3g}", "" if entry["rotation_sigma"] is None else f"{entry['rotation_sigma'] / DEG:.3g}"]
-        table.add_row(entry["name"], entry["link"], *(f"{length / MM:.3f}" for length in entry["xyz"]), *angles, *sigmas)
+        lengths = [*(f"{length / MM:.2f}" for length in entry["xyz"]), f"{entry['sigma'] / MM:.2g}"]
+        whole = entry["rotation_sigma"] is not None
+        angles = (
+            [*(f"{angle / DEG:.3f}" for angle in entry["rpy"]), f"{entry['rotation_sigma'] / DEG:.2g}"] if whole else [""] * (4 * turned)
+        )
+        table.add_row(entry["name"], entry["link"], *lengths, *angles)
     return ["", titled("Frames found with the fit", table)]
 
 
@@ -220,9 +228,8 @@ def _outliers(calibration: FitResult) -> list[RenderableType]:
 
 
 def _undecided(calibration: FitResult) -> list[RenderableType]:
-    units = dict(zip(calibration.errors.names, calibration.errors.units, strict=True))
-    lines = []
-    for combination in calibration.identifiability.combinations:
+    units, lines = dict(zip(calibration.errors.names, calibration.errors.units, strict=True)), []
+    for combination in combinations_of_robot(calibration):
         if combination.determined and len(combination.terms) > 1:
             unit, size = _display_of({units[name] for name in combination.terms})
             lines.append(f"  only {combination.words()} = {value_and_sigma(combination.value / size, combination.sigma / size)} {unit}")
@@ -236,9 +243,16 @@ def _correlated(calibration: FitResult) -> list[RenderableType]:
 
 
 def strongly_correlated(calibration: FitResult) -> list[tuple[str, ...]]:
-    """Groups of parameters that hang together by correlations above STRONG."""
-    known = (np.diag(calibration.covariance) > 0).all()
-    return correlated_groups(calibration.errors.names, calibration.covariance, STRONG) if known else []
+    """Groups of parameters that hang together by correlations above STRONG; frames, targets and places are nobody's errors."""
+    own = [index for index, parameter in enumerate(calibration.errors.parameters) if parameter.kind not in INSTRUMENTS]
+    names, covariance = [calibration.errors.names[index] for index in own], calibration.covariance[np.ix_(own, own)]
+    return correlated_groups(names, covariance, STRONG) if (np.diag(covariance) > 0).all() else []
+
+
+def combinations_of_robot(calibration: FitResult) -> list[Combination]:
+    """What the data decided of the robot's own errors: combinations of frames, targets and places alone are left out."""
+    own = {parameter.name for parameter in calibration.errors.parameters if parameter.kind not in INSTRUMENTS}
+    return [combination for combination in calibration.identifiability.combinations if not own.isdisjoint(combination.terms)]
 
 
 def _carried(carried: Mapping[str, str]) -> list[RenderableType]:

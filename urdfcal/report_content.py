@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
-from urdfcal.error_model import Parameter
+from urdfcal.error_model import INSTRUMENTS, Parameter
 from urdfcal.error_table import SpotTable
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import MM
 from urdfcal.identifiability import DETERMINED, Combination
+from urdfcal.instrument_report import first_kind, parameters_in_words
+from urdfcal.instrument_sections import fixed, frames_section, places_section
+from urdfcal.measurements import Measurements
 from urdfcal.provenance import prior_text, provenance_table
-from urdfcal.report import STRONG, carried_lines, displayed, strongly_correlated, value_and_sigma
+from urdfcal.reading_residuals import ReadingResiduals, reading_residuals, reading_suspects
+from urdfcal.report import STRONG, carried_lines, combinations_of_robot, displayed, strongly_correlated, value_and_sigma
 from urdfcal.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
+from urdfcal.robust import Outlier
 from urdfcal.verdict import Verdict, count_of, verdict_of
 
 _MOST_OUTLIERS = 50
@@ -33,7 +37,8 @@ class Report:
         verdict: Whether the calibration may be used.
         sections: Everything else.
         residuals: Spots of the fitted and the test poses, for pictures.
-        suspects: Spots that do not belong to the rest, for pictures.
+        readings: What other instruments read, for pictures.
+        suspects: Spots and readings that do not belong to the rest, for pictures.
     """
 
     title: str
@@ -41,15 +46,19 @@ class Report:
     verdict: Verdict
     sections: tuple[Section, ...]
     residuals: tuple[SpotResiduals, ...]
+    readings: tuple[ReadingResiduals, ...]
     suspects: tuple[Suspect, ...]
 
 
 def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
     """Gather everything that there is to say about a calibration."""
-    sets = residuals_of(calibration)
-    found = suspects(calibration, sets)
+    sets, readings = residuals_of(calibration), reading_residuals(calibration)
+    found = [*suspects(calibration, sets), *reading_suspects(calibration, readings)]
+    found.sort(key=lambda suspect: -suspect.length)
     sections = [
         _spots(calibration),
+        frames_section(calibration),
+        places_section(calibration, readings),
         _convergence(calibration),
         _parameters(calibration),
         _combinations(calibration),
@@ -60,46 +69,47 @@ def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
         Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
     ]
     data = calibration.data
-    subtitle = f"{len(data)} poses with {data.summary}; {len(calibration.errors.names)} parameters; {calibration.estimator}"
+    subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
-    return Report(
-        title, subtitle, verdict_of(calibration, found), tuple(each for each in sections if each.blocks), tuple(sets), tuple(found)
-    )
-
-
-def fixed(value: float) -> str:
-    """A figure for a column: `1.226`, `228.6`."""
-    return (
-        "–" if not math.isfinite(value) else f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}" if abs(value) < 1e6 else f"{value:.3g}"
-    )
+    shown = tuple(each for each in sections if each.blocks)
+    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(readings), tuple(found))
 
 
 def _spots(calibration: FitResult) -> Section:
     rows = _spot_rows("fit", calibration.before, calibration.after)
     rows += _spot_rows("test", *calibration.test) if calibration.test else []
     lasers = not calibration.data.readings
-    names = ("laser", "spots") if lasers else ("what", "number")
+    names = ("laser", "spots") if lasers else ("what, in mm" if _millimetres(calibration.before) else "what", "number")
     table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
-    what = f"Distance from measured to predicted {'spot, in mm' if lasers else 'position, in mm (orientations in deg)'}"
+    what = "Distance from measured to predicted spot, in mm" if lasers else "Distance from measured to predicted"
     intro = f"{what}: before with the nominal robot, after with the calibrated one."
+    if not lasers:
+        intro += " Before, too, frames and targets stand where they suit that robot best."
     title = "Spots on the screen" if lasers else "What was measured"
-    return Section("spots", title, (intro, table, Gallery("spots"), Gallery("histograms")))
+    galleries = ("spots", "histograms") if lasers else ("spots", "readings", "histograms", "components")
+    return Section("spots", title, (intro, table, *(Gallery(key) for key in galleries)))
 
 
 def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
+    all_mm = _millimetres(before)
     return [
-        (label, laser, str(row.n), *(fixed(value) for own in (row, after[laser]) for value in (own.mean, own.std, own.max)))
+        (
+            label,
+            laser if all_mm else f"{laser}, {row.unit}",
+            str(row.n),
+            *(fixed(value) for own in (row, after[laser]) for value in (own.mean, own.std, own.max)),
+        )
         for laser, row in before.items()
     ]
 
 
 def _convergence(calibration: FitResult) -> Section:
     history = calibration.estimate.history
-    first, last = fixed(history[0].residual_rms / MM), fixed(history[-1].residual_rms / MM)
-    what = "a spot coordinate" if calibration.data.lasers else "a measured coordinate"
+    what, unit, size = first_kind(calibration)
+    first, last = fixed(history[0].residual_rms / size), fixed(history[-1].residual_rms / size)
+    went = f" The RMS of {what} went from {first} {unit} to {last} {unit}." if history[0].residual_rms else ""
     text = (
-        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}. The RMS of {what} went from "
-        f"{first} mm to {last} mm. Sweep 0 is where the estimator started."
+        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}.{went} Sweep 0 is where the estimator started."
     )
     return Section("convergence", "Convergence", (text, Gallery("convergence")))
 
@@ -113,9 +123,10 @@ def _parameters(calibration: FitResult) -> Section:
         text += " The prior sigmas of the joints are those that the data made most probable."
     if not honest_covariance(calibration):
         text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
-    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
-    table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), tuple(_parameter_row(*row) for row in rows))
-    return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if calibration.errors.parameters else ())
+    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
+    rows = tuple(_parameter_row(*row) for row in every if row[0].kind not in INSTRUMENTS)
+    table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), rows)
+    return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if rows else ())
 
 
 def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float) -> tuple[Cell, ...]:
@@ -125,12 +136,13 @@ def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float
 
 
 def _combinations(calibration: FitResult) -> Section:
-    combinations = [each for each in calibration.identifiability.combinations if len(each.terms) > 1 or not each.determined]
+    combinations = [each for each in combinations_of_robot(calibration) if len(each.terms) > 1 or not each.determined]
     sums = [each for each in combinations if each.determined]
     open_ = [each for each in combinations if not each.determined]
     blocks: list[Block] = []
     if sums:
-        blocks += ["Determined as sums alone. The spots tell these sums, not their terms:", _combination_table(calibration, sums)]
+        what = "measurements" if calibration.data.readings else "spots"
+        blocks += [f"Determined as sums alone. The {what} tell these sums, not their terms:", _combination_table(calibration, sums)]
     if open_:
         blocks += [
             "Not determined. The data say little or nothing about these; the priors hold them:",
@@ -176,19 +188,43 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
 
 def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequence[Suspect]) -> Section:
     blocks: list[Block] = []
+    laser = "what" if calibration.data.readings else "laser"
     if calibration.outliers:
-        rows = tuple((each.pose, each.laser, each.reason) for each in calibration.outliers[:_MOST_OUTLIERS])
-        blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", "laser", "reason"), rows, words=3)]
+        rows = tuple(_left_out_row(each, calibration.data) for each in calibration.outliers[:_MOST_OUTLIERS])
+        blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", laser, "reason"), rows, words=3)]
         blocks += _more(len(calibration.outliers))
+    if calibration.test_outliers:
+        tested = calibration.test_data or calibration.data
+        rows = tuple(_left_out_row(each, tested) for each in calibration.test_outliers[:_MOST_OUTLIERS])
+        blocks += ["Left out of the table of test poses as gross outliers:", Table(("pose", laser, "reason"), rows, words=3)]
+        blocks += _more(len(calibration.test_outliers))
     text = (
-        f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
+        "residual is longer than chance makes one in ten reports, judged by how long the residuals of its kind usually are."
+        if calibration.data.readings
+        else f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
         f"{spread(calibration, sets[0]):.2f} times what noise{' and uncertain parameters' if len(sets) > 1 else ''} would do."
     )
     if not found:
-        return Section("outliers", "Outliers", (*blocks, f"Among the spots that were used, none stands out: no {text}"))
-    used = tuple((each.set, each.pose, each.laser, fixed(each.distance_mm), f"{each.length:.1f}") for each in found[:_MOST_OUTLIERS])
-    table = Table(("poses", "pose", "laser", "distance in mm", "sigmas"), used, words=3)
+        every = "readings" if calibration.data.readings else "spots"
+        return Section("outliers", "Outliers", (*blocks, f"Among the {every} that were used, none stands out: no {text}"))
+    in_mm = all(each.unit == "mm" for each in found)
+    used = tuple(_used_row(each, "" if in_mm else f" {each.unit}") for each in found[:_MOST_OUTLIERS])
+    table = Table(("poses", "pose", laser, "distance in mm" if in_mm else "distance", "sigmas"), used, words=3)
     return Section("outliers", "Outliers", (*blocks, f"Used, but far from the rest; their {text}", table, *_more(len(found))))
+
+
+def _left_out_row(outlier: Outlier, data: Measurements) -> tuple[Cell, ...]:
+    """Pose, what was read, and why; the folder of the file stands under where this comes from."""
+    pose = outlier.pose.removeprefix(f"{data.source}:")
+    return (outlier.pose if pose == outlier.pose else f"{Path(data.source).name}:{pose}", outlier.laser, outlier.reason)
+
+
+def _used_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:
+    return (suspect.set, suspect.pose, suspect.laser, f"{fixed(suspect.distance)}{unit}", f"{suspect.length:.1f}")
+
+
+def _millimetres(table: SpotTable) -> bool:
+    return all(row.unit == "mm" for row in table.values())
 
 
 def _more(number: int) -> list[str]:

@@ -60,28 +60,32 @@ class SpotResiduals:
 
 @dataclass(frozen=True)
 class Suspect:
-    """A spot that does not belong to the rest, though the fit or the test used it.
+    """A spot, or a reading, that does not belong to the rest, though the fit or the test used it.
 
     Attributes:
         set: `fit` or `test`.
         pose: Label of its pose.
-        laser: Name of its laser.
-        distance_mm: From measured to predicted spot.
+        laser: Name of its laser, or of what was read.
+        distance: From measured to predicted, in `unit`.
         length: The same in standard deviations of the usual residual.
         row, column: Its place in the set's arrays.
+        unit: `mm`, `deg` or `px`.
     """
 
     set: str
     pose: str
     laser: str
-    distance_mm: float
+    distance: float
     length: float
     row: int
     column: int
+    unit: str = "mm"
 
 
 def residuals_of(calibration: FitResult) -> list[SpotResiduals]:
-    """The fitted poses and, if there are any, the test poses."""
+    """Spots of the fitted poses and, if there are any, of the test poses; nothing where none was seen."""
+    if not calibration.data.seen.any():
+        return []
     found = [_residuals(calibration, "fit", calibration.data, 0.0)]
     if calibration.test_data is not None:
         found.append(_residuals(calibration, "test", calibration.test_data, 1.0))
@@ -126,6 +130,8 @@ def suspect_limit(sets: Iterable[SpotResiduals]) -> float:
 
 def suspects(calibration: FitResult, sets: list[SpotResiduals]) -> list[Suspect]:
     """Spots whose residual is far longer than usual, the farthest first."""
+    if not sets:
+        return []
     usual, limit = spread(calibration, sets[0]), suspect_limit(sets)
     found = [_suspect(each, row, column, usual) for each in sets for row, column in np.argwhere(each.lengths / usual > limit).tolist()]
     return sorted(found, key=lambda suspect: -suspect.length)
@@ -138,22 +144,15 @@ def _suspect(spots: SpotResiduals, row: int, column: int, usual: float) -> Suspe
 
 def _residuals(calibration: FitResult, label: str, data: Measurements, uncertain: float) -> SpotResiduals:
     nominal = ErrorModel(calibration.robot.chain, (), (), sessions=data.session_names or ("",))
-    before, _ = SpotModel(nominal, replace(data, readings=(), lengths=())).predict(np.empty(0))
+    data = replace(data, readings=(), lengths=())  # what other instruments read has residuals of its own
+    before, _ = SpotModel(nominal, data).predict(np.empty(0))
     model = SpotModel(calibration.errors, data, joints=bool(np.any(calibration.estimate.noise.joint_sigma)))
     after, _ = model.predict(calibration.x)
-    here = _of_spots(model.linearise(calibration.x), data)
+    here = model.linearise(calibration.x)
     R = _spot_covariance(calibration, here)
     S = R + uncertain * _prediction_covariance(calibration, here) if honest_covariance(calibration) else R
     sigma = np.sqrt(np.trace(R, axis1=-2, axis2=-1) / 2)
     return SpotResiduals(label, data, before, after, sigma, _lengths(here.residual.reshape(after.shape), S, data))
-
-
-def _of_spots(here: Linearisation, data: Measurements) -> Linearisation:
-    """The spots alone, without what other instruments read."""
-    rows, columns = slice(len(data)), slice(2 * len(data.lasers))
-    names = ("residual", "jacobian", "joint_jacobian", "measured", "stated_sigma")
-    per_number = {name: getattr(here, name)[rows, columns] for name in names}
-    return replace(here, **per_number, blocks=here.blocks[: len(data.lasers)])
 
 
 def _spot_covariance(calibration: FitResult, here: Linearisation) -> Array4:

@@ -294,10 +294,10 @@ def _limits(here: Linearisation) -> Matrix:
     Chi-squared of two degrees is exponential; to others the same probability is carried over by Wilson and Hilferty's cube root.
     """
     freedom = degrees(here)
-    pairs = -2 * np.log(_CHANCE / max(np.count_nonzero(freedom), 1))
+    pairs = -2 * np.log(_CHANCE / max(int(np.count_nonzero(freedom)), 1))
     z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
     m = np.maximum(freedom, 1)
-    return np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3)
+    return np.asarray(np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3))
 
 
 def swapped_poses(data: Measurements, spots: Any, inside_mm: float) -> list[tuple[int, int, int]]:

@@ -4,7 +4,7 @@ The joint fit starts from a geometry-only calibration, of the same poses without
 gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
 stand for is explained now. Terms on request stay only where they raise the log evidence by more than LEAST_GAIN,
 
-    log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det P0 - log det P] + constant   (Laplace)
+    log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det(1 + P0^1/2 J'R^-1 J P0^1/2)] + constant   (Laplace)
 """
 
 from __future__ import annotations
@@ -206,8 +206,10 @@ class _Setup:
         x = np.array([known.get(name, 0.0) for name in errors.names])
         model = SpotModel(errors, self.data, self.joints)
         first = _run(model.linearise, errors, self.noise, x)
-        if self.calibration.evidence is not None and first.converged:
-            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first)
+        chosen = self.calibration.evidence
+        if chosen is not None and first.converged:
+            keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
+            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first, keep)
             model = SpotModel(errors, self.data, self.joints)
         return _Fitted(errors, first, model, terms)
 
@@ -285,11 +287,15 @@ def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRob
 
 def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
     """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
-    noise, belief = estimate.noise, estimate.belief
-    spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
-    pull = float(np.sum(((belief.x - errors.mean) / errors.sigma) ** 2))
-    _, volume = np.linalg.slogdet(belief.P / np.outer(errors.sigma, errors.sigma))
-    return -0.5 * (noise.chi_squared(here) + pull + spread - float(volume))
+    noise, sigma = estimate.noise, errors.sigma
+    if np.any(noise.joint_sigma):
+        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(here))[1]))
+    else:
+        spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
+    pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
+    J = noise.weights(here).jacobian(here) * sigma  # not the estimate's covariance: that also knows of unsure prior scales
+    volume = float(np.linalg.slogdet(J.T @ J + np.eye(len(sigma)))[1])
+    return -0.5 * (noise.chi_squared(here) + pull + spread + volume)
 
 
 def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:

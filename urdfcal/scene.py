@@ -1,7 +1,7 @@
 """What there is to see: what was measured in every pose, beside what the nominal and the calibrated robot make of it.
 
-Beams and spots stand in the axes of the screen, targets in those of the measuring frame. Both robots share these: measured and
-predicted are compared there, so the nominal robot is drawn where the screen sees it, or without lasers the measuring frame.
+Beams and spots stand in the axes of the screen, targets in those of the measuring frame: there measured and predicted are compared.
+Both robots share the screen, or without lasers the reference link, so the nominal robot is drawn where that one has it.
 """
 
 from __future__ import annotations
@@ -244,6 +244,13 @@ def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
         pin.forwardKinematics(model, data, q)
         found.append(pin.updateFramePlacement(model, data, index).copy())
     return found
+
+
+def frame_placements(placed: PlacedTargets, whole: Matrix, q: Matrix) -> list[SE3]:
+    """T_root_frame of the measuring frame at configurations (n, model.nq), which joint positions (n, inputs) lead to."""
+    frames = placed.frames(q)[0]
+    there = screen_placements(placed.robot, whole)
+    return [T_root_screen * pin.SE3(own[:, :3], own[:, 3]) for T_root_screen, own in zip(there, frames, strict=True)]
 
 
 def _sheet(measured: Matrix, predicted: list[Matrix]) -> Sheet:

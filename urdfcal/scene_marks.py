@@ -32,6 +32,11 @@ def flat(colour: int, opacity: float = 1.0) -> Any:
     return mg.MeshBasicMaterial(color=colour, opacity=opacity, transparent=opacity < 1)
 
 
+def seen_through(colour: int) -> Any:
+    """The same, drawn over whatever stands before it."""
+    return mg.MeshBasicMaterial(color=colour, transparent=True, depthTest=False, depthWrite=False)
+
+
 def disc(radius: float, centres: Matrix, lift: float) -> Any:
     """Discs in the screen's plane, about (n, 2) centres, [m]."""
     angles = _angles(len(centres))

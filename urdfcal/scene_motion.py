@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import MM, SE3, Matrix, Vector, Z
-from urdfcal.key_frames import HELD, Clips, KeyFrames, Rows
+from urdfcal.key_frames import Clips, KeyFrames, Rows, jumps
 from urdfcal.measurements import Mask
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Beams, Scene, beams_of, screen_placements
+from urdfcal.scene import Beams, Scene, beams_of, frame_placements, screen_placements
 from urdfcal.scene_marks import (
     CALIBRATED,
     ERROR,
@@ -30,9 +30,10 @@ from urdfcal.scene_marks import (
     unit_arrow,
     unit_beam,
 )
+from urdfcal.scene_nodes import HIDDEN, place, put, turns
+from urdfcal.target_motion import move_targets
 from urdfcal.whole_robot import whole_configurations
 
-_HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
 _MISS = 0.6  # length of a beam that misses, over the size of the scene
 BEAM = 0.0024  # radius of a drawn beam over the size of the scene
 
@@ -42,16 +43,22 @@ def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames) -> C
     clips = Clips()
     whole = whole_configurations(scene.solid, keys.q)
     T_root_screen = screen_placements(scene.solid, whole)
-    _place(viewer, clips, "screen", keys.times, T_root_screen)
+    if scene.data.lasers:
+        place(viewer, clips, "screen", keys.times, T_root_screen)
+    if scene.targets:
+        place(viewer, clips, "frame", keys.times, frame_placements(scene.targets[-1], whole, keys.q))
+        move_targets(viewer, clips, scene, keys)
     _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
     if scene.calibrated is not None:
         ghost = whole_configurations(scene.robot, keys.q)
         roots = [ours * theirs.inverse() for ours, theirs in zip(T_root_screen, screen_placements(scene.robot, ghost), strict=True)]
-        _place(viewer, clips, "nominal", keys.times, roots)
+        place(viewer, clips, "nominal", keys.times, roots)
         _move_robot(viewer, clips, "nominal", scene.robot, shapes, keys.times, ghost)
-        _move_beams(viewer, clips, "screen/pose/nominal_beam", scene, beams_of(scene.robot, keys.q), keys.times)
-    _move_beams(viewer, clips, "screen/pose/beam", scene, beams_of(scene.solid, keys.q), keys.times)
-    _move_marks(viewer, clips, scene, keys)
+    if scene.data.lasers:
+        if scene.calibrated is not None:
+            _move_beams(viewer, clips, "screen/pose/nominal_beam", scene, beams_of(scene.robot, keys.q), keys.times)
+        _move_beams(viewer, clips, "screen/pose/beam", scene, beams_of(scene.solid, keys.q), keys.times)
+        _move_marks(viewer, clips, scene, keys)
     return clips
 
 
@@ -64,36 +71,20 @@ def _move_robot(viewer: Any, clips: Clips, root: str, robot: Robot, shapes: Shap
         pin.updateGeometryPlacements(model, data, geometry, placed)
         found.append([placement.copy() for placement in placed.oMg])
     for index, shape in enumerate(geometry.geometryObjects):
-        _place(viewer, clips, f"{root}/visuals/{shape.name}", times, [row[index] for row in found], np.array(shape.meshScale))
-
-
-def _place(viewer: Any, clips: Clips, path: str, times: Vector, placements: list[SE3], scale: Vector | None = None) -> None:
-    """A node at its first placement, and its clip."""
-    mirror = _mirror(scale) if scale is not None else np.ones(3)
-    first = placements[0].homogeneous.copy()
-    first[:3, :3] *= scale if scale is not None else 1.0
-    viewer[path].set_transform(first)
-    turns = [pin.Quaternion(placement.rotation * mirror).coeffs() for placement in placements]
-    clips.add(path, times, position=np.array([placement.translation for placement in placements]), quaternion=np.array(turns))
-
-
-def _mirror(scale: Vector) -> Vector:
-    """Signs that the viewer puts into the rotation when it takes a mirrored mesh's transform apart: it flips x alone."""
-    signs = np.sign(scale)
-    return signs * (-1, 1, 1) if np.prod(signs) < 0 else signs
+        place(viewer, clips, f"{root}/visuals/{shape.name}", times, [row[index] for row in found], np.array(shape.meshScale))
 
 
 def _move_beams(viewer: Any, clips: Clips, path: str, scene: Scene, beams: Beams, times: Vector) -> None:
     lands = scene.lands(beams)
     for laser in range(lands.shape[1]):
-        turns = _turns(Z, beams.direction[:, laser])
+        turned = turns(Z, beams.direction[:, laser])
         ends = (
             ("", np.where(lands[:, laser], beams.length[:, laser], 0.0)),
             ("_missing", np.where(lands[:, laser], 0.0, _missing_length(scene, beams, laser))),
         )
         for suffix, length in ends:
-            scale = np.where(length[:, None] > 0, np.stack([np.ones_like(length)] * 2 + [length], -1), _HIDDEN)
-            _put(viewer, clips, f"{path}{suffix}_{laser + 1}", times, beams.source[:, laser], turns, scale)
+            scale = np.where(length[:, None] > 0, np.stack([np.ones_like(length)] * 2 + [length], -1), HIDDEN)
+            put(viewer, clips, f"{path}{suffix}_{laser + 1}", times, beams.source[:, laser], turned, scale)
 
 
 def _missing_length(scene: Scene, beams: Beams, laser: int) -> Vector:
@@ -105,15 +96,15 @@ def _missing_length(scene: Scene, beams: Beams, laser: int) -> Vector:
 
 def _move_marks(viewer: Any, clips: Clips, scene: Scene, keys: KeyFrames) -> None:
     """Marks of the pose shown; they jump half way between two poses."""
-    times, rows = _jumps(keys)
+    times, rows = jumps(keys)
     predicted = {"nominal": scene.before, "calibrated": scene.after}
     for laser in range(len(scene.data.lasers)):
         marks = {"measured": (scene.data.spots[rows, laser], scene.data.seen[rows, laser])}
         marks |= {name: (beams.spots[rows, laser], scene.lands(beams)[rows, laser]) for name, beams in predicted.items() if beams}
         for name, (places, visible) in marks.items():
             at, still = _flat_places(places, visible), np.tile([0.0, 0.0, 0.0, 1.0], (len(rows), 1))
-            scale = np.where(visible[:, None], 1.0, _HIDDEN) * np.ones(3)
-            _put(viewer, clips, f"screen/pose/{name}_{laser + 1}", times, at, still, scale)
+            scale = np.where(visible[:, None], 1.0, HIDDEN) * np.ones(3)
+            put(viewer, clips, f"screen/pose/{name}_{laser + 1}", times, at, still, scale)
         _move_arrow(viewer, clips, scene, times, rows, laser)
 
 
@@ -123,36 +114,15 @@ def _move_arrow(viewer: Any, clips: Clips, scene: Scene, times: Vector, rows: Ro
     both = scene.data.seen[rows, laser] & scene.lands(shown)[rows, laser]
     error = np.where(both[:, None], scene.magnification * (shown.spots[rows, laser] - spots), 0.0)
     length, half = np.linalg.norm(error, axis=1), np.arctan2(error[:, 1], error[:, 0]) / 2
-    turns = np.column_stack([np.sin(half), np.zeros((len(rows), 2)), np.cos(half)])  # from y to the error
+    turned = np.column_stack([np.sin(half), np.zeros((len(rows), 2)), np.cos(half)])  # from y to the error
     wide = np.minimum(1.0, length / (6 * POSE_SIZE * scene.mark))
-    scale = np.stack([np.ones_like(wide), np.maximum(length, _HIDDEN), np.maximum(wide, _HIDDEN)], -1)  # keeps its distance from the sheet
-    _put(viewer, clips, f"screen/pose/error_{laser + 1}", times, _flat_places(spots, both), turns, scale)
-
-
-def _jumps(keys: KeyFrames) -> tuple[Vector, Rows]:
-    """Times just before and behind every change of pose, and the row of the data that is shown at each."""
-    count = len(keys.rows)
-    edges = np.arange(1, count) + 0.5
-    times = np.concatenate([[0.0], np.stack([edges - 0.01, edges + 0.01], -1).ravel(), [count + HELD]])
-    return times, keys.rows[np.repeat(np.arange(count), 2)]
+    scale = np.stack([np.ones_like(wide), np.maximum(length, HIDDEN), np.maximum(wide, HIDDEN)], -1)  # keeps its distance from the sheet
+    put(viewer, clips, f"screen/pose/error_{laser + 1}", times, _flat_places(spots, both), turned, scale)
 
 
 def _flat_places(spots: Matrix, visible: Mask) -> Matrix:
     """Spots (k, 2) as points of the screen's axes; hidden ones at its origin."""
     return lifted(np.where(visible[:, None], spots, 0.0), 0.0)
-
-
-def _put(viewer: Any, clips: Clips, path: str, times: Vector, position: Matrix, quaternion: Matrix, scale: Matrix) -> None:
-    first = np.eye(4)
-    first[:3, :3] = pin.Quaternion(quaternion[0]).toRotationMatrix() * scale[0]
-    first[:3, 3] = position[0]
-    viewer[path].set_transform(first)
-    clips.add(path, times, position=position, quaternion=quaternion, scale=scale)
-
-
-def _turns(axis: Vector, directions: Matrix) -> Matrix:
-    """Quaternions (x, y, z, w) that turn an axis to directions (k, 3)."""
-    return np.array([pin.Quaternion.FromTwoVectors(axis, direction).coeffs() for direction in directions])
 
 
 def draw_pose_marks(node: Any, scene: Scene) -> None:

@@ -69,8 +69,10 @@ class SimulatedSetup:
 
     def motion(self, q: Matrix, session: str) -> tuple[LaserMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Beams and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        arm, placed = ArmKinematics(self.errors.chain), self.errors.placements(self.x, session).still()
-        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True)
+        errors = self.errors
+        arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
+        placed = errors.placements(self.x, session).still()
+        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
         seen = {}
         for index, frame in enumerate(self.errors.chain.frames[1:], start=1):
             origin, axes, _, by_joint = seen_motion(self.errors, motion, placed, index)

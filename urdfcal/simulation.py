@@ -117,13 +117,14 @@ def draw_poses(
     Raises:
         UsageError: such positions are too rare.
     """
-    arm, placed, where = ArmKinematics(robot.chain), errors.placements(x).still(), area or ScreenArea()
+    arm = ArmKinematics(robot.chain, errors.soft.bends if errors.soft is not None else ())
+    placed, where = errors.placements(x).still(), area or ScreenArea()
     lower, upper = joint_limits(robot) if limits is None else limits
     found, drawn = np.empty((0, len(lower))), 0
     most = max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
     while len(found) < poses and drawn < most:
         q = rng.uniform(lower, upper, (_BATCH, len(lower)))
-        motion = motion_at(arm, placed, arm.chain_positions(q))
+        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(x, q))
         found, drawn = np.vstack([found, q[_on_screen(motion.source, motion.direction, where)]]), drawn + _BATCH
     if len(found) < poses:
         raise UsageError(

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +29,7 @@ from urdfcal.gravity import WeighedRobot
 SAG, SAG_ACROSS = 1e-3, 0.5e-3  # [rad] prior standard deviations at a joint's largest gravity moment
 SCALE, ECCENTRICITY, APPROACH = 1e-3, 1e-3, 0.5e-3  # the same of the others: a share, and [rad]
 _LEAST_SHARE = 1e-3  # of the largest moment of any joint, under which gravity has nothing to say
+Axis = tuple[float, float, float]
 EXTRAS = ("scale", "eccentricity", "approach")
 _HARMONICS = {"ecc_sin": (np.sin, 1), "ecc_cos": (np.cos, 1), "ecc_sin2": (np.sin, 2), "ecc_cos2": (np.cos, 2)}
 
@@ -46,7 +48,7 @@ class Term:
 
     name: str
     joint: int
-    axis: tuple[float, float, float] | None
+    axis: Axis | None
     sigma: float
     largest: float = 0.0
 
@@ -107,25 +109,32 @@ class Softness:
             payload: Further mass on the carrier at each pose, (n,), [kg].
             approach: Direction of each measured joint's last move, (n, inputs): -1, 0 or 1.
         """
-        chain = self.chain
-        moments = self.weighed.moments(q)
-        if payload is not None and np.any(payload):
-            moments = moments + payload[:, None, None] * self.weighed.payload_moments(q, self.carrier)
-        approach = np.zeros_like(q) if approach is None else approach
-        inputs = {joint.name: index for index, joint in enumerate(chain.inputs)}
-        columns = []
-        for term in self.terms:
-            joint, what = chain.moving[term.joint].joint, term.name.rpartition(".")[2]
-            if term.largest:
-                axis = np.array(joint.axis if term.axis is None else term.axis)
-                columns.append(moments[:, term.joint] @ axis / term.largest)
-            elif what == "approach":
-                columns.append(approach[:, inputs[joint.name]])
-            else:
-                position = q[:, inputs[joint.name]]
-                wave, order = _HARMONICS.get(what, (None, 1))
-                columns.append(position if wave is None else wave(order * position))
-        return np.column_stack(columns) if columns else np.empty((len(q), 0))
+        basis = np.zeros((len(q), len(self.terms)))
+        own, joints, directions = self._pulled
+        if len(own):
+            moments = self.weighed.moments(q)
+            if payload is not None and np.any(payload):
+                moments += payload[:, None, None] * self.weighed.payload_moments(q, self.carrier)
+            basis[:, own] = (moments[:, joints] * directions).sum(axis=2)
+        inputs = {joint.name: index for index, joint in enumerate(self.chain.inputs)}
+        for number, term in enumerate(self.terms):
+            what, name = term.name.rpartition(".")[2], self.chain.moving[term.joint].joint.name
+            if what == "approach":
+                basis[:, number] = 0.0 if approach is None else approach[:, inputs[name]]
+            elif what in _HARMONICS:
+                wave, order = _HARMONICS[what]
+                basis[:, number] = wave(order * q[:, inputs[name]])
+            elif what == "scale":
+                basis[:, number] = q[:, inputs[name]]
+        return basis
+
+    @cached_property
+    def _pulled(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Matrix]:
+        """Gravity's terms: their numbers and joints, (k,), and their axes over the largest moments, (k, 3), [1/(N m)]."""
+        own = [number for number, term in enumerate(self.terms) if term.largest]
+        pulled = [self.terms[number] for number in own]
+        axes = [np.array(self.chain.moving[term.joint].joint.axis if term.axis is None else term.axis) / term.largest for term in pulled]
+        return np.array(own, dtype=np.intp), np.array([term.joint for term in pulled], dtype=np.intp), np.array(axes).reshape(-1, 3)
 
 
 def gravity_terms(chain: Chain, moments: Array3) -> tuple[Term, ...]:
@@ -145,7 +154,7 @@ def gravity_terms(chain: Chain, moments: Array3) -> tuple[Term, ...]:
         axes = across(axis)
         sideways = float(np.max(np.linalg.norm(moments[:, index] @ np.array(axes).T, axis=1), initial=0.0))
         if sideways > _LEAST_SHARE * largest:
-            terms += [Term(f"{name}.sag_{number}", index, tuple(own), SAG_ACROSS, sideways) for number, own in enumerate(axes, start=1)]
+            terms += [Term(f"{name}.sag_{number}", index, own, SAG_ACROSS, sideways) for number, own in enumerate(axes, start=1)]
     return tuple(terms)
 
 
@@ -162,9 +171,11 @@ def extra_terms(chain: Chain, wanted: Sequence[str]) -> tuple[Term, ...]:
     return tuple(terms)
 
 
-def across(axis: Vector) -> tuple[list[float], list[float]]:
+def across(axis: Vector) -> tuple[Axis, Axis]:
     """Two unit vectors perpendicular to an axis and to each other."""
     least = np.eye(3)[int(np.argmin(np.abs(axis)))]
     one = least - axis * float(axis @ least)
     one /= np.linalg.norm(one)
-    return one.tolist(), cross(axis, one).tolist()
+    x, y, z = one.tolist()
+    u, v, w = cross(axis, one).tolist()
+    return (x, y, z), (u, v, w)

@@ -30,7 +30,7 @@ class SpotModel:
         self.positions = self.arm.chain_positions(data.q)
         self.soft_basis = errors.soft.basis(data.q, data.payload, data.approach) if errors.soft is not None else None
         targets = readings_of(errors, data, first=2 * len(data.lasers))
-        self.readings = (*targets, *self._pixel_spots(errors, data, targets))
+        self.readings: tuple[Reading | PixelSpots, ...] = (*targets, *self._pixel_spots(errors, data, targets))
         self.spots = slice(0, 2 * len(data.lasers))
         self.kinds = kinds_of(data)
         self.blocks = self._blocks()

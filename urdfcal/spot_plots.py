@@ -15,16 +15,18 @@ from urdfcal.svg_plots import DASHES, INK, MARKERS, SANE, SERIES, Picture, draw_
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST_ARROWS = 400  # a laser; of more spots the worst and others of every size are drawn
-_MOST_WORST = 40
-_MOST_LABELS = 6
+MOST_ARROWS = 400  # a laser; of more spots the worst and others of every size are drawn
+MOST_WORST = 40
+MOST_LABELS = 6
 _FAR = 6  # times the median distance: what lies beyond shares the last bin
 
 
 def screen_pictures(residuals: Sequence[SpotResiduals], suspects: Sequence[Suspect]) -> list[Picture]:
     """Measured and predicted spots before and after, of the fitted and the test poses, all on the same piece of the screen."""
-    window = _window(residuals)
-    factors = [_magnification(window, distance) for distance in (residuals[0].before_mm, residuals[0].after_mm)]
+    if not residuals:
+        return []
+    window = drawn_window(np.concatenate([each.data.spots[each.data.seen] for each in residuals]) / MM)
+    factors = [magnification(window, distance) for distance in (residuals[0].before_mm, residuals[0].after_mm)]
     found = []
     for spots in residuals:
         own = [suspect for suspect in suspects if suspect.set == spots.label]
@@ -39,23 +41,22 @@ def _screen_picture(phase: str, distance_mm: Matrix, screen: _Screen) -> Picture
     scale = "at true scale" if screen.factor == 1 else f"magnified {screen.factor:g} times"
     caption = f"Marks are measured spots, seen from the screen's +x side; arrows, {scale}, point to where the robot model puts them."
     rows = _thinned(distance_mm)
-    if any(len(kept) == _MOST_ARROWS for kept in rows):
-        caption += f" Of many spots, the worst {_MOST_WORST} and others of every size are drawn."
+    if any(len(kept) == MOST_ARROWS for kept in rows):
+        caption += f" Of many spots, the worst {MOST_WORST} and others of every size are drawn."
     width, height = np.ptp(screen.window, axis=0)
     title = f"{screen.spots.label.capitalize()} poses {phase} calibration"
     return draw_picture("spots", title, caption, 0.95 + 3.67 * float(height / width), lambda axes: screen.draw(axes, rows))
 
 
-def _window(residuals: Sequence[SpotResiduals]) -> Matrix:
-    """The piece of the screen that holds all measured spots, [[left, bottom], [right, top]], [mm]; neither slim nor empty."""
-    spots = np.concatenate([each.data.spots[each.data.seen] for each in residuals]) / MM
-    low, high = (spots.min(axis=0), spots.max(axis=0)) if len(spots) else (np.zeros(2), np.zeros(2))
+def drawn_window(points: Matrix) -> Matrix:
+    """The piece of a plane that holds all points (n, 2), [[left, bottom], [right, top]], [mm]; neither slim nor empty."""
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.zeros(2))
     half = np.maximum((high - low) / 2 * 1.08, 1.0)
     half = np.maximum(half, half[::-1] * (0.85, 0.4))
     return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
 
 
-def _magnification(window: Matrix, distance_mm: Matrix) -> float:
+def magnification(window: Matrix, distance_mm: Matrix | Vector) -> float:
     """1, 2, 5, 10, 20 ... so that a usual arrow is seen and a long one stays in the picture."""
     seen = distance_mm[np.isfinite(distance_mm)]
     usual = float(np.median(seen)) if len(seen) else 0.0
@@ -68,15 +69,16 @@ def _magnification(window: Matrix, distance_mm: Matrix) -> float:
 
 def _thinned(distance_mm: Matrix) -> list[Any]:
     """For each laser the rows that are drawn."""
-    return [_thinned_rows(np.flatnonzero(np.isfinite(column) & (column < SANE)), column) for column in distance_mm.T]
+    return [thinned_rows(np.flatnonzero(np.isfinite(column) & (column < SANE)), column) for column in distance_mm.T]
 
 
-def _thinned_rows(rows: Any, distance_mm: Vector) -> Any:
-    if len(rows) <= _MOST_ARROWS:
+def thinned_rows(rows: Any, distance_mm: Vector, most: int = MOST_ARROWS) -> Any:
+    """Of many rows the worst, and others of every size."""
+    if len(rows) <= most:
         return rows
-    order = rows[np.argsort(distance_mm[rows])]
-    others = order[:-_MOST_WORST]
-    return np.concatenate([others[np.linspace(0, len(others) - 1, _MOST_ARROWS - _MOST_WORST).astype(int)], order[-_MOST_WORST:]])
+    order, worst = rows[np.argsort(distance_mm[rows])], most * MOST_WORST // MOST_ARROWS
+    others = order[:-worst]
+    return np.concatenate([others[np.linspace(0, len(others) - 1, most - worst).astype(int)], order[-worst:]])
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,9 @@ class _Screen:
         for index, (laser, rows) in enumerate(zip(data.lasers, rows_by_laser, strict=True)):
             measured, colour = data.spots[rows, index] / MM, SERIES[index % len(SERIES)]
             arrows = (self.predicted[rows, index] / MM - measured) * self.factor
-            axes.plot(*_arrow_lines(measured, arrows), color=colour, linewidth=0.8, solid_joinstyle="miter")
+            axes.plot(*arrow_lines(measured, arrows), color=colour, linewidth=0.8, solid_joinstyle="miter")
             axes.plot(*measured.T, MARKERS[index % len(MARKERS)], color=colour, markersize=2.4, label=laser)
-        for suspect in self.suspects[:_MOST_LABELS]:
+        for suspect in self.suspects[:MOST_LABELS]:
             axes.annotate(
                 suspect.pose, data.spots[suspect.row, suspect.column] / MM, (3, 3), textcoords="offset points", fontsize=8, clip_on=True
             )
@@ -104,7 +106,7 @@ class _Screen:
         axes.set_aspect("equal")
 
 
-def _arrow_lines(tails: Matrix, arrows: Matrix) -> tuple[Vector, Vector]:
+def arrow_lines(tails: Matrix, arrows: Matrix) -> tuple[Vector, Vector]:
     """All arrows as one line with gaps, which is far smaller in SVG than a shape for each."""
     tips = tails + arrows
     side = arrows[:, ::-1] * (-1, 1)
@@ -115,6 +117,8 @@ def _arrow_lines(tails: Matrix, arrows: Matrix) -> tuple[Vector, Vector]:
 
 def histogram_pictures(residuals: Sequence[SpotResiduals]) -> list[Picture]:
     """How often which distance occurs, before and after."""
+    if not residuals:
+        return []
     fitted = residuals[0]
     found = [_histogram("Distances before calibration", "Fitted poses, nominal robot.", fitted, fitted.before_mm, None)]
     text = "The line is what noise alone would show."
@@ -125,7 +129,7 @@ def histogram_pictures(residuals: Sequence[SpotResiduals]) -> list[Picture]:
 
 def _histogram(title: str, caption: str, spots: SpotResiduals, distance_mm: Matrix, sigma_mm: Matrix | None) -> Picture:
     good = np.isfinite(distance_mm) & (distance_mm < SANE)
-    edges = _edges(distance_mm[good])
+    edges = distance_bins(distance_mm[good])
     far = int(np.count_nonzero(distance_mm[good] > edges[-1]))
     distance_mm = np.minimum(distance_mm, edges[-1])
     caption += f" The last bin also holds {far} farther away." if far else ""
@@ -144,7 +148,7 @@ def _histogram(title: str, caption: str, spots: SpotResiduals, distance_mm: Matr
     return draw_picture("histograms", title, caption, 2.8, draw)
 
 
-def _edges(distances: Vector) -> Vector:
+def distance_bins(distances: Vector) -> Vector:
     """Bins from zero to the farthest, or to where nothing but outliers would be."""
     farthest = min(float(distances.max(initial=0.0)), _FAR * float(np.median(distances))) if distances.size else 0.0
     return np.linspace(0, farthest * 1.02 or 1.0, min(max(int(np.sqrt(distances.size)) + 2, 8), 30))

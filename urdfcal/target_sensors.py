@@ -85,7 +85,9 @@ def _nothing(look: Array3) -> Array3:
 class PointSensor:
     """A tracker or a mocap system: the target's origin in the measuring frame, h = p."""
 
-    numbers, unit, title = 3, "mm", ""
+    numbers: ClassVar[int] = 3
+    unit: ClassVar[str] = "mm"
+    title: ClassVar[str] = ""
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""
@@ -100,7 +102,9 @@ class OrientationSensor:
     inverse right Jacobian of SO(3) and t = |e| (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 10.86).
     """
 
-    numbers, unit, title = 3, "deg", "orientation"
+    numbers: ClassVar[int] = 3
+    unit: ClassVar[str] = "deg"
+    title: ClassVar[str] = "orientation"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""
@@ -112,7 +116,9 @@ class OrientationSensor:
 class DistanceSensor:
     """A ball bar or a draw wire: the distance from the target to a fixed point c, h = |p - c|."""
 
-    numbers, unit, title = 1, "mm", "distance"
+    numbers: ClassVar[int] = 1
+    unit: ClassVar[str] = "mm"
+    title: ClassVar[str] = "distance"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""
@@ -125,7 +131,9 @@ class DistanceSensor:
 class PlaneSensor:
     """A probe's tip on a plane n . p = d: 0 = h = n . p - d, with n = (n0 + t1 tilt_1 + t2 tilt_2) / |...|."""
 
-    numbers, unit, title = 1, "mm", "plane"
+    numbers: ClassVar[int] = 1
+    unit: ClassVar[str] = "mm"
+    title: ClassVar[str] = "plane"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""
@@ -142,7 +150,9 @@ class PlaneSensor:
 class SocketSensor:
     """A ball in a socket s: 0 = h = p - s."""
 
-    numbers, unit, title = 3, "mm", ""
+    numbers: ClassVar[int] = 3
+    unit: ClassVar[str] = "mm"
+    title: ClassVar[str] = ""
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""
@@ -153,7 +163,9 @@ class SocketSensor:
 class PixelSensor:
     """A target in a picture, h = project(p); the measuring frame is the camera's: x right, y down, z ahead."""
 
-    numbers, unit, title = 2, "px", "pixels"
+    numbers: ClassVar[int] = 2
+    unit: ClassVar[str] = "px"
+    title: ClassVar[str] = "pixels"
 
     def __init__(self, camera: Any) -> None:
         self.camera = camera
@@ -206,4 +218,4 @@ def inverse_right_jacobian(e: Matrix) -> Array3:
     safe = np.where(small, 1.0, t)
     factor = np.where(small, 1 / 12 + t**2 / 720, 1 / safe**2 - (1 + np.cos(safe)) / (2 * safe * np.sin(safe)))
     K = skew(e)
-    return np.eye(3) + K / 2 + factor[:, None, None] * (K @ K)
+    return np.asarray(np.eye(3) + K / 2 + factor[:, None, None] * (K @ K))

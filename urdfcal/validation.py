@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.calibration import Calibration, fit
+from urdfcal.ekf import Belief, degrees_of_freedom
 from urdfcal.error_table import SpotTable, error_table, rms_mm
 from urdfcal.errors import UsageError
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
@@ -146,7 +147,10 @@ def coverage_warnings(robot: Robot, calibration: Calibration) -> tuple[str, ...]
         One line, or none.
     """
     test = calibration.test_data
-    if test is None or calibration.test is None or not test.seen.any():
+    if test is None or calibration.test is None or test.empty:
+        return ()
+    known = {name.rpartition(".")[0] for name in (*calibration.errors.names, *calibration.errors.held)}
+    if any(place.name not in known for place in test.instruments.places):  # they were put where the test poses have them best
         return ()
     compared = _compare(calibration, test)
     if not compared.worse:
@@ -187,14 +191,14 @@ def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     there = SpotModel(errors, test, joints).linearise(calibration.x)
     P = _posterior(here, noise, errors.sigma)
     if not noise.all_stated:
-        noise = noise.estimated(here, here.count - len(P) + float(np.sum(np.diag(P) / errors.sigma**2)))
+        noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))
         P = _posterior(here, noise, errors.sigma)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
     left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least)
     tested = _mean_squares(_residuals(there, noise), there, least)
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
-    where = test.where(int(np.flatnonzero(test.seen.any(axis=1))[worst])) if alone else ""
+    where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
     return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / MM)
 
 
@@ -223,12 +227,11 @@ def _mean_squares(residuals: Matrix, here: Linearisation, least: float) -> Vecto
 
 
 def _predicted_variance(here: Linearisation, noise: Noise, P: Matrix) -> Vector:
-    """Diagonal of J P J' + R for every measured number, [m^2]."""
-    stated = np.where(np.isnan(here.stated_sigma), noise.spot_sigma, here.stated_sigma)
-    variance = stated**2 + np.sum((here.jacobian @ P) * here.jacobian, axis=-1)
+    """Diagonal of J P J' + R for every measured number of the first kind, [m^2]."""
+    variance = noise.of_numbers(here) ** 2 + np.sum((here.jacobian @ P) * here.jacobian, axis=-1)
     if here.joint_jacobian.shape[-1]:
         variance = variance + np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
-    return np.asarray(variance[here.measured])
+    return np.asarray(variance[here.measured & (here.kinds == 0)])
 
 
 def _much_worse(tested: Vector, fitted: Vector) -> bool:
@@ -267,7 +270,7 @@ def _uncovered(robot: Robot, fitted: Measurements, tested: Measurements) -> list
     """Joints whose range is not covered, worst first."""
     found = []
     for joint, column in zip(robot.chain.inputs, range(fitted.q.shape[1]), strict=True):
-        (a, b), (c, d) = (_range(data.q[data.seen.any(axis=1), column]) for data in (fitted, tested))
+        (a, b), (c, d) = (_range(data.q[data.observed, column]) for data in (fitted, tested))
         overhang = max(a - c, 0.0) + max(d - b, 0.0)
         if overhang > max(_UNCOVERED * (d - c), _LEAST_OVERHANG[joint.prismatic]):
             found.append(_Beyond(joint, (a, b), (c, d), overhang / (d - c) if d > c else 1.0))
@@ -286,9 +289,8 @@ def _listed(beyond: list[_Beyond]) -> str:
 
 def _by_session(data: Measurements) -> Iterator[Rows]:
     """The poses of each session that saw something; those that did not are never test poses."""
-    seen = data.seen.any(axis=1)
     for session in data.session_names:
-        yield np.flatnonzero((data.sessions == session) & seen)
+        yield np.flatnonzero((data.sessions == session) & data.observed)
 
 
 def _folds(data: Measurements, folds: int, rng: np.random.Generator) -> list[Rows]:

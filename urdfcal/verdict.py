@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from urdfcal.error_model import INSTRUMENTS
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.fit_result import FitResult
 from urdfcal.instrument_report import noise_in_words
@@ -60,7 +61,7 @@ def verdict_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Verdict:
         *_tested(calibration),
         *_noise(calibration),
         *_left_out(calibration),
-        _outlying(suspects),
+        _outlying(suspects, _noun(calibration)),
     ]
     findings += _warned(calibration.warnings)
     level = max((finding.level for finding in findings), key=["good", "warn", "bad"].index)
@@ -77,18 +78,24 @@ def count_of(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def mean_mm(table: SpotTable) -> float:
-    """Mean distance over all lasers, [mm]."""
-    rows = [row for row in table.values() if row.unit == "mm"]
-    return sum(row.n * row.mean for row in rows) / max(sum(row.n for row in rows), 1)
+def means(table: SpotTable) -> str:
+    """Mean distance over all lasers or targets, for each unit: `1.3 mm`, `0.45 mm and 0.06 deg`."""
+    words = []
+    for unit in dict.fromkeys(row.unit for row in table.values()):
+        rows = [row for row in table.values() if row.unit == unit]
+        words.append(f"{rough(sum(row.n * row.mean for row in rows) / max(sum(row.n for row in rows), 1))} {unit}")
+    return " and ".join(words) or "0 mm"
 
 
 def _headline(calibration: FitResult) -> str:
-    before, after = rough(mean_mm(calibration.before)), rough(mean_mm(calibration.after))
+    before, after = means(calibration.before), means(calibration.after)
     tested = calibration.test[1] if calibration.test else {}
-    test = f" ({rough(mean_mm(tested))} mm on test poses, which were not fitted)" if tested else ""
-    what = "spots" if calibration.data.lasers else "measurements"
-    return f"The {what} lay {before} mm off on average; after calibration {after} mm{test}."
+    test = f" ({means(tested)} on test poses, which were not fitted)" if tested else ""
+    return f"The {_noun(calibration)}s lay {before} off on average; after calibration {after}{test}."
+
+
+def _noun(calibration: FitResult) -> str:
+    return "measurement" if calibration.data.readings else "spot"
 
 
 def _trust(calibration: FitResult) -> Finding:
@@ -100,14 +107,16 @@ def _trust(calibration: FitResult) -> Finding:
 def _decided(calibration: FitResult) -> Finding:
     if not honest_covariance(calibration):
         return Finding("warn", "The paper's schedule was used: its sigmas follow from Q and R and say nothing about accuracy.")
-    seen = calibration.identifiability
-    total, left = len(seen.determined), [name for name, flag in zip(calibration.errors.names, seen.determined, strict=True) if not flag]
+    seen, parameters = calibration.identifiability, calibration.errors.parameters
+    own = [(parameter.name, flag) for parameter, flag in zip(parameters, seen.determined, strict=True) if parameter.kind not in INSTRUMENTS]
+    total, left = len(own), [name for name, flag in own if not flag]
+    what = "parameters of the robot" if total < len(parameters) else "parameters"
     if not left:
-        return Finding("good", f"The data determine all {total} parameters.")
+        return Finding("good", f"The data determine all {total} {what}.")
     named = ", ".join(left[:_FEW]) + (f" and {len(left) - _FEW} more" if len(left) > _FEW else "")
     return Finding(
         "warn",
-        f"The data determine {seen.rank} of {total} directions; {len(left)} of {total} parameters are not determined alone ({named}) "
+        f"The data determine {seen.rank} of {len(parameters)} directions; {len(left)} of {total} {what} are not determined alone ({named}) "
         "and are held by their priors.",
     )
 
@@ -150,19 +159,19 @@ def _stated_noise(chi_squared: float, free: float) -> Finding:
 
 def _left_out(calibration: FitResult) -> list[Finding]:
     """A few outliers are everyday life."""
-    number, spots = len(calibration.outliers), measured_numbers(calibration) // 2
+    number, spots = len(calibration.outliers), sum(row.n for row in calibration.after.values())
     if not number:
         return []
-    text = f"{count_of(number, 'spot')} left out or mended as outliers; the fit rests on {spots}."
+    text = f"{count_of(number, _noun(calibration))} left out or mended as outliers; the fit rests on {spots}."
     return [Finding("warn" if number > _MANY * (number + spots) else "good", text)]
 
 
-def _outlying(suspects: Sequence[Suspect]) -> Finding:
+def _outlying(suspects: Sequence[Suspect], noun: str) -> Finding:
     if not suspects:
-        return Finding("good", "No spot that was used stands out from the rest.")
+        return Finding("good", f"No {noun} that was used stands out from the rest.")
     worst = suspects[0]
-    farthest = f"{worst.set} pose {worst.pose}, {worst.laser}, {rough(worst.distance_mm)} mm"
-    return Finding("warn", f"{count_of(len(suspects), 'spot')} far from the rest; the farthest: {farthest}.")
+    farthest = f"{worst.set} pose {worst.pose}, {worst.laser}, {rough(worst.distance)} {worst.unit}"
+    return Finding("warn", f"{count_of(len(suspects), noun)} far from the rest; the farthest: {farthest}.")
 
 
 def _warned(warnings: Sequence[str]) -> list[Finding]:

@@ -13,6 +13,15 @@ from urdfcal.scene import FINE, Scene
 from urdfcal.scene_marks import CALIBRATED, ERROR, GRID, MEASURED, MISSING, NOMINAL, SHEET, beam_colour
 
 
+_READ = {  # what the balls are
+    "point": "point, measured",
+    "pixel": "target, on the ray of its pixel",
+    "socket": "socket, where its touches meet",
+    "plane": "touch, on its plane",
+    "distance": "target, at the measured distance",
+}
+
+
 @dataclass(frozen=True)
 class Layer:
     """One row of the legend: a picture, words, and the paths in the scene that its box hides."""
@@ -25,12 +34,25 @@ class Layer:
 
 def layers(scene: Scene) -> list[Layer]:
     """What is in this scene, in the order of the legend."""
-    both, names = scene.calibrated is not None, scene.data.lasers
+    both = scene.calibrated is not None
     found = [Layer(_box("#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
     if both:
-        found.append(Layer(_box(_css(NOMINAL), 0.4), "robot, uncalibrated, before the same screen", ("nominal",)))
+        found.append(Layer(_box(_css(NOMINAL), 0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
+    return found + (_laser_layers(scene, both) if scene.data.lasers else []) + (_target_layers(scene, both) if scene.targets else [])
+
+
+def _shared(scene: Scene) -> str:
+    """What stands at the same place for both robots."""
+    if scene.data.lasers:
+        return "before the same screen"
+    reference = scene.solid.rig.screen
+    return "on the same base" if reference == scene.solid.tree.root else f"with the same {reference}"
+
+
+def _laser_layers(scene: Scene, both: bool) -> list[Layer]:
+    names = scene.data.lasers
     squares = f"{scene.sheet.pitch / MM:g} and {scene.sheet.pitch / FINE / MM:g} mm"
-    found.append(Layer(_grid(), f"screen, squares of {squares}", ("screen/sheet",)))
+    found = [Layer(_grid(), f"screen, squares of {squares}", ("screen/sheet",))]
     paths = _pose_paths(scene, "beam")
     found.append(Layer(_beams(len(names)), f"beams: {', '.join(names)}", paths))
     if both:
@@ -40,6 +62,44 @@ def layers(scene: Scene) -> list[Layer]:
     if len(scene.data) > 1:
         found.append(Layer(_line(_css(beam_colour(0)), 1), "beams of all poses", ("screen/beams",), shown=False))
     return found + _spot_layers(scene, bool(scene.data.seen.any()), both)
+
+
+def _target_layers(scene: Scene, both: bool) -> list[Layer]:
+    numbers = [number for number, mark in enumerate(scene.marks, start=1) if mark.is_point]
+    turned = [number for number, mark in enumerate(scene.marks, start=1) if not mark.is_point]
+
+    def paths(name: str) -> tuple[str, ...]:
+        return (f"frame/marks/{name}", *(f"frame/pose/{name}_{number}" for number in numbers))
+
+    kinds = dict.fromkeys(mark.kind for mark in scene.marks)
+    frame = tuple(f"frame/marks/frame_{axis}" for axis in "xyz")
+    link = scene.solid.rig.instruments.reference
+    placed = scene.solid.rig.instruments.placed
+    found = [Layer(_triad(), f"measuring frame, fixed to {link}" if placed else f"frame of {link}", frame)]
+    if "plane" in kinds:
+        found.append(Layer(_box("#8fb8de", 0.6), "planes that were touched", ("frame/marks/planes",)))
+    if (placed and {"point", "pixel"} & set(kinds)) or "distance" in kinds:
+        words = " and ".join(word for kind, word in (("point", "line of sight"), ("distance", "wire")) if kind in kinds) or "line of sight"
+        lines = tuple(f"frame/pose/line_{number}" for number in numbers)
+        found.append(Layer(_line(_css(MISSING), 1.4), words, lines))
+    if numbers:
+        words = "; ".join(_READ[kind] for kind in kinds if kind in _READ)
+        found.append(Layer(_disc(_css(MEASURED)), words, paths("measured")))
+        who = "uncalibrated robot" if both else "URDF"
+        found.append(Layer(_cross(_css(NOMINAL)), f"target, predicted by the {who}", paths("nominal")))
+        if both:
+            found.append(Layer(_cross(_css(CALIBRATED), 45), "target, predicted by the calibrated robot", paths("calibrated")))
+            found.append(Layer(_line(_css(NOMINAL), 1), "error, uncalibrated, true length", ("frame/marks/shift",)))
+        found.append(Layer(_arrow(), f"error{', calibrated' if both else ''}, {_length(scene.target_magnification)}", paths("error")))
+    if turned:
+        found.append(Layer(_triad(), "measured axes", tuple(f"frame/pose/axes_{number}" for number in turned)))
+        if len(scene.data) > 1:
+            found.append(Layer(_triad(), "measured axes of all poses", ("frame/marks/axes",), shown=False))
+    return found
+
+
+def _length(times: float) -> str:
+    return f"{times:g} times longer" if times != 1 else "true length"
 
 
 def _spot_layers(scene: Scene, measured: bool, both: bool) -> list[Layer]:
@@ -55,8 +115,7 @@ def _spot_layers(scene: Scene, measured: bool, both: bool) -> list[Layer]:
     if measured and both:
         found.append(Layer(_line(_css(NOMINAL), 1), "error, uncalibrated, true length", ("screen/spots/shift",)))
     if measured:
-        length = f"{scene.magnification:g} times longer" if scene.magnification != 1 else "true length"
-        found.append(Layer(_arrow(), f"error{', calibrated' if both else ''}, {length}", paths("error")))
+        found.append(Layer(_arrow(), f"error{', calibrated' if both else ''}, {_length(scene.magnification)}", paths("error")))
     return found
 
 
@@ -66,8 +125,8 @@ def _pose_paths(scene: Scene, name: str) -> tuple[str, ...]:
 
 def panel_html(scene: Scene, shown: int) -> str:
     """The panel: title, legend, and a table of distances; `shown` poses are animated."""
-    n, spots = len(scene.data), int(scene.data.seen.sum())
-    about = f"{n} poses, {spots} measured spots" if spots else f"{n} {'pose' if n == 1 else 'poses'}, nothing measured"
+    n, measured = len(scene.data), not scene.data.empty
+    about = f"{n} poses, {_count(scene)}" if measured else f"{n} {'pose' if n == 1 else 'poses'}, nothing measured"
     if shown < n:
         about += f"; {shown} of the poses can be stepped through"
     rows = "".join(
@@ -77,21 +136,24 @@ def panel_html(scene: Scene, shown: int) -> str:
     )
     return (
         f'<div id="panel"><h1>{escape(scene.robot.name)}</h1><button id="fold" title="fold or unfold">&#8722;</button><p>{about}</p>'
-        f"{_pose_rows() if n > 1 else ''}{_table(scene) if spots else ''}<h2>What you see</h2>{rows}"
+        f"{_pose_rows() if n > 1 else ''}{_table(scene) if measured else ''}<h2>What you see</h2>{rows}"
         '<div id="hint">The large marks belong to the pose shown. Drag to turn, wheel to zoom, right button to shift; '
         "play and slider are under Animations.</div></div>"
     )
 
 
+def _count(scene: Scene) -> str:
+    return scene.data.summary if scene.targets else f"{int(scene.data.seen.sum())} measured spots"
+
+
 def pose_entries(scene: Scene, rows: Rows) -> list[dict[str, object]]:
-    """Label and distances in mm of every animated pose, as words."""
-    phases = [scene.errors_mm(beams)[rows] for beams in (scene.before, scene.after) if beams is not None]
+    """Label and errors of every animated pose, as words."""
     return [
         {
             "label": _label(scene, int(row)),
-            "errors": [[_millimetres(phase[index, laser]) for phase in phases] for laser in range(len(scene.data.lasers))],
+            "errors": [[_number(phase[row]) for phase in compared.phases] for compared in scene.compared],
         }
-        for index, row in enumerate(rows)
+        for row in rows
     ]
 
 
@@ -109,26 +171,28 @@ def _pose_rows() -> str:
 
 
 def _table(scene: Scene) -> str:
-    phases = [("before", scene.before), ("after", scene.after)] if scene.after else [("error", scene.before)]
+    names = ["before", "after"] if scene.calibrated is not None else ["error"]
     groups = ("this pose", "mean of all") if len(scene.data) > 1 else ("this pose",)
-    titles = "".join(f'<th colspan="{len(phases)}">{group}</th>' for group in groups)
-    heads = "".join(f"<th>{name}</th>" for name, _ in phases) * len(groups)
+    titles = "".join(f'<th colspan="{len(names)}">{group}</th>' for group in groups)
+    heads = "".join(f"<th>{name}</th>" for name in names) * len(groups)
     body = ""
-    for laser, name in enumerate(scene.data.lasers):
-        cells = "".join(f'<td id="error-{laser}-{phase}"></td>' for phase in range(len(phases)))
+    for row, compared in enumerate(scene.compared):
+        cells = "".join(f'<td id="error-{row}-{phase}"></td>' for phase in range(len(names)))
         if len(groups) > 1:
-            cells += "".join(f"<td>{_mean(scene.errors_mm(beams)[:, laser])}</td>" for _, beams in phases if beams)
-        body += f"<tr><th>{escape(name)}</th>{cells}</tr>"
+            cells += "".join(f"<td>{_mean(errors)}</td>" for errors in compared.phases)
+        unit = f", {compared.unit}" if compared.unit != "mm" else ""
+        body += f"<tr><th>{escape(compared.name)}{unit}</th>{cells}</tr>"
     head = f"<thead><tr><th></th>{titles}</tr><tr><th></th>{heads}</tr></thead>"
-    return f"<h2>Distance from measured to predicted spot in mm</h2><table>{head}<tbody>{body}</tbody></table>"
+    what = "From measured to predicted" if scene.targets else "Distance from measured to predicted spot"
+    return f"<h2>{what} in mm</h2><table>{head}<tbody>{body}</tbody></table>"
 
 
 def _mean(errors: Matrix) -> str:
-    return _millimetres(float(np.nanmean(errors))) if np.isfinite(errors).any() else "–"
+    return _number(float(np.nanmean(errors))) if np.isfinite(errors).any() else "–"
 
 
-def _millimetres(error: float) -> str:
-    return "–" if not np.isfinite(error) else f"{error:.2f}" if error < 10 else f"{error:.1f}"
+def _number(error: float) -> str:
+    return "–" if not np.isfinite(error) else f"{error:.3f}" if error < 0.1 else f"{error:.2f}" if error < 10 else f"{error:.1f}"
 
 
 def _css(colour: int) -> str:
@@ -169,3 +233,12 @@ def _ring(colour: str) -> str:
 
 def _arrow() -> str:
     return _svg(f'<path d="M2 9h15" stroke="{_css(ERROR)}" stroke-width="2.4"/><path d="M16 4l8 5-8 5z" fill="{_css(ERROR)}"/>')
+
+
+def _cross(colour: str, turn: int = 0) -> str:
+    return _svg(f'<path d="M13 3v12M7 9h12" stroke="{colour}" stroke-width="2.6" transform="rotate({turn} 13 9)"/>')
+
+
+def _triad() -> str:
+    bars = (("#d0342c", "M11 12h11"), ("#2e9e3f", "M11 12V2"), ("#2f5fd0", "M11 12L4 17"))
+    return _svg("".join(f'<path d="{path}" stroke="{colour}" stroke-width="2"/>' for colour, path in bars))

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.geometry import SE3, Matrix
-from urdfcal.key_frames import KeyFrames, SetClips, key_frames
+from urdfcal.geometry import SE3, Matrix, Vector
+from urdfcal.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Scene, Sheet, screen_placements
+from urdfcal.scene import Scene, Sheet, frame_placements, screen_placements
 from urdfcal.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
 from urdfcal.scene_motion import draw_motion, draw_pose_marks
+from urdfcal.target_marks import draw_pose_targets, draw_targets
 from urdfcal.view_camera import choose_direction
 from urdfcal.view_legend import panel_html, pose_entries
 from urdfcal.view_recorder import Recorder
@@ -25,6 +26,7 @@ from urdfcal.view_style import SCRIPT, STYLE
 from urdfcal.whole_robot import whole_configurations
 
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
+_NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
 _GHOST_OPACITY = 0.3
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
 _TEMPLATE = """<!DOCTYPE html>
@@ -61,7 +63,6 @@ def page_of(scene: Scene, shapes: Shapes) -> str:
 
 
 def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
-
     recorder = Recorder()
     tab = recorder.visualizer()
     tab["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
@@ -77,10 +78,14 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         warnings.simplefilter("ignore", FutureWarning)
         robot.loadViewerModel("solid")
     robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
-    draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
-    draw_spots(tab["screen/spots"], scene)
-    draw_all_beams(tab["screen/beams"], scene)
-    draw_pose_marks(tab["screen/pose"], scene)
+    if scene.data.lasers:
+        draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
+        draw_spots(tab["screen/spots"], scene)
+        draw_all_beams(tab["screen/beams"], scene)
+        draw_pose_marks(tab["screen/pose"], scene)
+    if scene.targets:
+        draw_targets(tab["frame/marks"], scene)
+        draw_pose_targets(tab["frame/pose"], scene)
     clips = draw_motion(tab, scene, shapes, keys)
     if len(keys.rows) > 1:
         recorder.send(SetClips(clips))
@@ -100,23 +105,46 @@ class _Display(MeshcatVisualizer):  # type: ignore[misc]
 
 
 def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
-
     names = [shape.name for shape in shapes.model.geometryObjects] if scene.calibrated is not None else []
     return {"names": names, "color": NOMINAL, "opacity": _GHOST_OPACITY}
 
 
 def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
-    """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet and the lasers in all."""
+    """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet, lasers and targets in all."""
     whole = whole_configurations(scene.solid, q[None])
     rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
-    placed = screen_placements(scene.solid, whole_configurations(scene.solid, scene.data.q[rows]))
+    every = whole_configurations(scene.solid, scene.data.q[rows])
+    robot = shapes.corners(scene.solid, whole[0])
+    targets = _targets_in_root(scene, rows, every)
+    if scene.data.lasers:
+        normal, seen, spots = _screen_in_root(scene, rows, every)
+    else:
+        normal, seen, spots = targets.mean(axis=0) - _base(scene.solid, whole[0]), [], targets
+    points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
+    direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
+    return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _screen_in_root(scene: Scene, rows: Rows, every: Matrix) -> tuple[Vector, list[Matrix], Matrix]:
+    """Normal of the screen towards the lasers, what belongs to it at some poses, and the spots."""
+    placed = screen_placements(scene.solid, every)
     corners, sources = _with_numbers(scene.sheet), scene.shown.source
     seen = [_in_root(T, np.concatenate([corners, sources[row]])) for T, row in zip(placed, rows, strict=True)]
-    points = np.unique(np.round(np.concatenate([shapes.corners(scene.solid, whole[0]), *seen]), 3), axis=0)
     held = scene.data.spots[scene.data.seen] if scene.data.seen.any() else scene.shown.spots[scene.shown.meets]
     spots = _in_root(placed[0], np.column_stack([np.zeros(len(held)), held]))
-    direction = choose_direction(placed[0].rotation[:, 0] * scene.side, spots, _skeleton(scene.solid, whole[0]), points)
-    return {"direction": direction.tolist(), "points": points.tolist()}
+    return placed[0].rotation[:, 0] * scene.side, seen, spots
+
+
+def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
+    """Where targets were read at some poses, and the measuring frame where it is near, (k, 3)."""
+    if not scene.targets:
+        return np.empty((0, 3))
+    found = []
+    for T, row in zip(frame_placements(scene.targets[-1], every, scene.data.q[rows]), rows, strict=True):
+        own = np.array([mark.read[row] for mark in scene.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
+        near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * scene.width
+        found.append(_in_root(T, np.concatenate([own, np.zeros((int(near.any()), 3))])))
+    return np.concatenate(found)
 
 
 def _with_numbers(sheet: Sheet) -> Matrix:
@@ -127,6 +155,11 @@ def _with_numbers(sheet: Sheet) -> Matrix:
 
 def _in_root(T_root_screen: SE3, points: Matrix) -> Matrix:
     return np.asarray(points @ T_root_screen.rotation.T + T_root_screen.translation)
+
+
+def _base(robot: Robot, q: Vector) -> Vector:
+    """Where the first moving joint stands."""
+    return np.asarray(_skeleton(robot, q)[0])
 
 
 def _skeleton(robot: Robot, q: Matrix) -> Matrix:

@@ -49,8 +49,9 @@ const viewer = new MeshCat.Viewer(pane), THREE = MeshCat.THREE;
 const path = name => ["meshcat", ...name.split("/")];
 
 async function load() {
-  const log = console.log;  // the Collada reader tells the version of every file
-  console.log = (...words) => String(words[0]).startsWith("THREE.ColladaLoader") || log(...words);
+  const {log, warn} = console;  // the Collada reader tells the version of every file, and of nodes that it leaves out
+  for (const [name, say] of Object.entries({log, warn}))
+    console[name] = (...words) => String(words[0]).startsWith("THREE.ColladaLoader") || say(...words);
   const text = document.getElementById("urdfcal-scene").textContent.trim();
   const bytes = Uint8Array.from(atob(text), letter => letter.charCodeAt(0));
   const plain = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -62,7 +63,7 @@ async function load() {
     else viewer.handle_command_bytearray(command);
     at += 4 + length;
   }
-  console.log = log;
+  Object.assign(console, {log, warn});
 }
 
 function copyGhost() {  // the nominal robot has the calibrated one's shapes: sent once, shown twice

@@ -1,4 +1,4 @@
-"""The meshcat tab: robot, beams, screen, measured and predicted spots, as a page of its own, a server, or a notebook's cell.
+"""The meshcat tab: robot, beams and screen or targets, measured and predicted, as a page of its own, a server, or a notebook's cell.
 
 view = urdfcal.viewer.view_of(robot, data, calibrated)
 view.write_html("view.html"); view.serve(); view          # the last line of a notebook's cell shows it
@@ -6,7 +6,7 @@ view.write_html("view.html"); view.serve(); view          # the last line of a n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -15,8 +15,10 @@ import numpy as np
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.evaluation import as_measured
 from urdfcal.files import write_whole
 from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.pixel_start import as_spots, in_pixels, require_screen_of_camera
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes, robot_shapes
 from urdfcal.scene import Scene
@@ -61,36 +63,48 @@ class View:
 
 
 def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | None = None, magnify: float | None = None) -> View:
-    """Put robot, beams, screen and spots into a scene.
+    """Put robot, beams, screen, spots and targets into a scene.
 
     Args:
         robot: As its URDF has it.
-        data: Measured spots; without any, one pose is shown in which every beam meets the screen, if there is one.
+        data: What was measured; without it, one pose is shown in which every beam meets the screen, if there is one.
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
-        UsageError: the magnification is not above zero, or there are no lasers.
+        UsageError: the magnification is not above zero, or targets cannot be placed.
     """
     if magnify is not None and not 0 < magnify < np.inf:
         raise UsageError(f"the magnification must be above zero, found {magnify:g}")
-    if not robot.rig.lasers:
-        raise UsageError("the view shows laser spots; this robot is measured without lasers")
     said: list[str] = []
+    if data is not None:
+        data = _drawable(data)
+        robot, calibrated = as_measured(robot, data), as_measured(calibrated, data) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
-    if calibrated is not None and len(rows.session_names) > 1:
+    if len(rows.session_names) > 1 and (calibrated is not None or rows.readings):
         first = rows.session_names[0]
         left_out = int(np.count_nonzero(rows.sessions != first))
         rows = rows.subset(rows.sessions == first)
-        said.append(f"the calibrated robot has the screen of session '{first}'; {left_out} poses of other sessions are not shown")
+        whose = "the calibrated robot has the screen" if not rows.readings else "the scene has the measuring frame"
+        said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
     scene = Scene(robot, calibrated, rows, magnify)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *shapes.warnings))
 
 
+def _drawable(data: Measurements) -> Measurements:
+    """The same with spots in pixels where the camera has them on the screen."""
+    if not in_pixels(data):
+        return data
+    require_screen_of_camera(data)
+    return replace(as_spots(data), readings=tuple(each for each in data.readings if not data.of_laser(each)), lengths=data.lengths)
+
+
 def _missing(scene: Scene) -> list[str]:
+    if not scene.data.lasers:
+        return []
     lost = scene.data.seen & ~scene.shown.meets
     if not lost.any():
         return []

@@ -3,12 +3,12 @@
     python3 -m venv figaroh_venv && figaroh_venv/bin/pip install figaroh==1.0.2
     python tests/benchmarks/figaroh_rival.py figaroh_venv/bin/python [--data DIR] [--method NAME ...] [--set NAME ...]
 
-figaroh runs in an environment of its own and reads the same poses as its own CSV (`x1, y1, z1`, joint names). It calibrates six numbers a
-joint (`full_params`) with its default selection of parameters (`structural`) or, on request, with its priors of 1 mm and 2 mrad (`map`,
-one to two minutes a fit) or with those scaled by cross-validation (`map_cv`, longer still). Base and tool frame are estimated, started by its
-own closed form. Its cost is its default one; of whole poses, position and orientation weigh as the noise that urdfcal finds (0.3 mm,
-0.6 mrad). Outliers stay in on both sides. Errors are distances on the test poses of the repeatable splits of `real_robots.py`. Times are
-CPU seconds from the URDF in memory to the parameters; figaroh's include reading the CSV, urdfcal's do not.
+figaroh runs in an environment of its own and reads the same poses as its own CSV (`x1, y1, z1`, joint names). It calibrates six numbers
+a joint (`full_params`) with its default selection of parameters (`structural`) or, on request, with its priors of 1 mm and 2 mrad (`map`,
+one to two minutes a fit) or with those scaled by cross-validation (`map_cv`, longer still). Base and tool frame are estimated, started
+by its own closed form. Its cost is its default one; of whole poses, position and orientation weigh as the noise that urdfcal finds
+(0.3 mm, 0.6 mrad). Outliers stay in on both sides. Errors are distances on the test poses of the repeatable splits of `real_robots.py`.
+Times are CPU seconds from the URDF in memory to the parameters; figaroh's include reading the CSV, urdfcal's do not.
 """
 
 from __future__ import annotations

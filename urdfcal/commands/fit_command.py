@@ -156,7 +156,7 @@ def fit(
     import numpy as np
 
     from urdfcal.calibration import fit as run_fit
-    from urdfcal.extras import Extras, workspace_accuracy
+    from urdfcal.extras import Extras, predicted_spots, workspace_accuracy
     from urdfcal.files import write_together
     from urdfcal.formats import deployment
     from urdfcal.gauge import laid_over
@@ -215,6 +215,7 @@ def fit(
     extra = Extras(
         workspace_accuracy(arm, calibration, tool, np.random.default_rng(seed)) if tool is not None else None,
         cross_validate(arm, data, kfold, np.random.default_rng(seed), **how) if kfold is not None else None,
+        predicted_spots(arm, calibration, np.random.default_rng(seed)),
     )
     bent = sagging(calibration, sag or compensation is not None, gravity, payload, also) if not calibration.rejection else None
     if compensation is not None and bent is None:
@@ -236,7 +237,7 @@ def fit(
     if as_json:
         show(calibration_json(calibration) | extra.machine() | written | {"sag": sag_json(bent) if bent else None}, [])
     else:
-        show(None, [*calibration_blocks(calibration), *(sag_blocks(bent, str(compensation or "")) if bent else []), *extra.blocks()])
+        show(None, [*calibration_blocks(calibration), *extra.blocks(), *(sag_blocks(bent, str(compensation or "")) if bent else [])])
     say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in plan.places else ""), sys.stdout)
     if calibration.rejection:
         raise typer.Exit(FitRejected.exit_code)

@@ -10,7 +10,20 @@ import typer
 
 from urdfcal.commands.console import ProgressBar, finish, say, show
 from urdfcal.commands.inputs import about, arm7_file, load, positive, require_places
-from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.commands.options import (
+    GravityOption,
+    Json,
+    Lasers,
+    PackageDirs,
+    Payloads,
+    Quiet,
+    Reference,
+    RobotFile,
+    Screen,
+    Seed,
+    Verbose,
+    XacroArgs,
+)
 
 if TYPE_CHECKING:
     from urdfcal.simulated_setup import SimulatedSetup
@@ -37,6 +50,14 @@ def simulate(
             help="Sigma of random errors in six directions of every joint, mount and screen, or a file with stated errors.",
         ),
     ] = "2mm,0.2deg",
+    sag_mrad: Annotated[
+        float,
+        typer.Option(help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled."),
+    ] = 0.0,
+    sag_across_mrad: Annotated[float, typer.Option(help="The same about the two axes across it, in mrad.")] = 0.0,
+    eccentricity_mrad: Annotated[float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")] = 0.0,
+    gravity: GravityOption = None,
+    payload: Payloads = None,
     screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
     sensor: Annotated[
         list[str] | None,
@@ -75,6 +96,7 @@ def simulate(
     from urdfcal.files import write_together
     from urdfcal.measurements import measurements_csv
     from urdfcal.reading_simulation import reading_noise, simulate_readings
+    from urdfcal.sag_simulation import pull_of, sag_bytes, sag_scales, soft_truth
     from urdfcal.simulated_setup import parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation import ScreenArea, draw_poses
     from urdfcal.simulation import simulate as run_simulate
@@ -85,12 +107,15 @@ def simulate(
     require_places(output, truth_file, inputs=(robot,))
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
+    soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, pull_of(gravity, payload or ()))
     area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
     sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
     if sensors:
         arm = seen_with(arm, sensors, reference or "", lasers)
     say(verbose, about(arm))
     model, x = truth_of(arm, errors, rng)
+    if soft:
+        model, x = soft_truth(arm, model, x, soft, rng)
     if sensors:
         setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, area=area)
         model, x = setup.errors, setup.x
@@ -104,15 +129,17 @@ def simulate(
     }
     sizes = {"spot_mm": spot_noise_mm} if lasers else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
+    bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
     stated = {"distribution": noise, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
     comments = [
         f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
-        f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}",
+        f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
+        + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
         *(_advice(setup, reference_known) if setup else ()),
     ]
-    values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in INSTRUMENTS}
-    truth = truth_yaml(arm, corrections, values, sys.argv, stated)
+    values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
+    truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
     if setup:
         import yaml
 

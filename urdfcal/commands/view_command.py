@@ -10,8 +10,21 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.commands.console import finish, say, warn
-from urdfcal.commands.inputs import about, load, require_places
-from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Verbose, XacroArgs
+from urdfcal.commands.inputs import about, load, measured, require_places, rig_file_of
+from urdfcal.commands.options import (
+    CameraOption,
+    Json,
+    Lasers,
+    PackageDirs,
+    Quiet,
+    Reference,
+    RigOption,
+    RobotFile,
+    Screen,
+    Target,
+    Verbose,
+    XacroArgs,
+)
 
 if TYPE_CHECKING:
     from urdfcal.robot import Robot
@@ -24,7 +37,7 @@ def view(
         Path | None,
         typer.Argument(
             metavar="MEASUREMENTS",
-            help="CSV: a column a joint, <laser>.y and <laser>.z. Without it one pose is shown.",
+            help="CSV: a column a joint, and what was measured. Without it one pose is shown.",
             show_default=False,
         ),
     ] = None,
@@ -51,21 +64,26 @@ def view(
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     screen: Screen = None,
     laser: Lasers = None,
+    reference: Reference = None,
+    target: Target = None,
+    camera: CameraOption = None,
+    rig: RigOption = None,
     xacro_arg: XacroArgs = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Show robot, beams, screen, measured and predicted spots in a browser."""
-    from urdfcal.measurements import read_measurements
+    """Show robot, beams and screen or targets, measured and predicted, in a browser."""
     from urdfcal.viewer import view_of
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
-    say(verbose, about(arm))
+    rig_file = rig_file_of(rig)
+    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
-        require_places(html, inputs=(robot, measurements, calibrated))
-    data = None if measurements is None else read_measurements(measurements, arm)
+        require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
+    if measurements is not None:
+        arm, data = measured(arm, measurements, rig_file, reference, target, camera)
+    say(verbose, about(arm))
     other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
     seen = view_of(arm, data, other, magnify)
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)

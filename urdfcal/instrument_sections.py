@@ -1,0 +1,84 @@
+"""What a report says of instruments: where measuring frames and targets were found, and how well touches of places agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from urdfcal.document import Block, Cell, Gallery, Section, Table
+from urdfcal.fit_result import FitResult
+from urdfcal.geometry import DEG, MM
+from urdfcal.instrument_report import frame_entries, length_entries, measuring_frame, place_entries
+from urdfcal.reading_plots import MOST_PLACES, PlaceScatter, scatter_of_places
+from urdfcal.reading_residuals import ReadingResiduals
+
+_COLUMNS = ("frame", "on link", "x", "y", "z", "sigma", "roll", "pitch", "yaw", "sigma")
+
+
+def fixed(value: float) -> str:
+    """A figure for a column: `1.226`, `228.6`."""
+    return (
+        "–" if not math.isfinite(value) else f"{value:.3f}" if abs(value) < 100 else f"{value:.1f}" if abs(value) < 1e6 else f"{value:.3g}"
+    )
+
+
+def frames_section(calibration: FitResult) -> Section:
+    """Placement of every measuring frame and target on its link."""
+    entries = frame_entries(calibration)
+    if not entries:
+        return Section("frames", "Frames found", ())
+    text = "Where measuring frames and targets stand on their links. They were found with the fit, and no URDF holds them."
+    turned = any(entry["rotation_sigma"] is not None for entry in entries)
+    groups = (("", 2), ("position in mm", 4), *([("orientation in deg", 4)] if turned else []))
+    width = sum(count for _, count in groups)
+    table = Table(_COLUMNS[:width], tuple(_frame_row(each)[:width] for each in entries), words=2, groups=groups)
+    return Section("frames", "Frames found", (text, table))
+
+
+def _frame_row(entry: dict[str, Any]) -> tuple[Cell, ...]:
+    lengths = [f"{length / MM:.3f}" for length in entry["xyz"]] + [f"{entry['sigma'] / MM:.3f}"]
+    if entry["rotation_sigma"] is None:
+        return (entry["name"], entry["link"], *lengths, "", "", "", "")
+    return (entry["name"], entry["link"], *lengths, *(f"{angle / DEG:.4f}" for angle in (*entry["rpy"], entry["rotation_sigma"])))
+
+
+def places_section(calibration: FitResult, readings: Sequence[ReadingResiduals]) -> Section:
+    """How well the touches of each socket and plane agree, and the distances that were known."""
+    blocks: list[Block] = []
+    scatters, positions = scatter_of_places(readings), _positions(calibration)
+    if scatters:
+        kinds = " and ".join(dict.fromkeys(f"{scatter.kind}s" for scatter in scatters))
+        blocks += [
+            f"RMS distance of the touches from their place, for {kinds}; no place was known beforehand. "
+            f"Positions are in {measuring_frame(calibration)}.",
+            Gallery("consistency"),
+            _place_table(scatters, positions),
+        ]
+        blocks += [f"{len(scatters) - MOST_PLACES} more are not listed."] if len(scatters) > MOST_PLACES else []
+    known = length_entries(calibration)
+    if known:
+        rows = tuple(_length_row(entry) for entry in known[:MOST_PLACES])
+        blocks += ["Distances that were known beforehand, and that give the arm its scale:"]
+        blocks += [Table(("between", "known in mm", "found in mm", "known to, in mm"), rows)]
+    return Section("places", "Places touched", tuple(blocks))
+
+
+def _place_table(scatters: Sequence[PlaceScatter], positions: dict[str, list[float]]) -> Table:
+    columns = ("poses", "place", "touches", "before in mm", "after in mm", "x in mm", "y in mm", "z in mm")
+    rows: list[tuple[Cell, ...]] = []
+    for each in scatters[:MOST_PLACES]:
+        where = [f"{value / MM:.2f}" for value in positions.get(f"{each.kind}:{each.name}", [])] or ["", "", ""]
+        rows.append((each.label, each.name, str(each.touches), fixed(each.before), fixed(each.after), *where))
+    width = len(columns) if any(row[-1] for row in rows) else len(columns) - 3
+    return Table(columns[:width], tuple(row[:width] for row in rows), words=2)
+
+
+def _positions(calibration: FitResult) -> dict[str, list[float]]:
+    """Where sockets were found, [m]."""
+    return {entry["name"]: entry["xyz"] for entry in place_entries(calibration) if "xyz" in entry}
+
+
+def _length_row(entry: dict[str, Any]) -> tuple[Cell, ...]:
+    between = " – ".join(entry[end].partition(":")[2] for end in ("one", "other"))
+    return (between, fixed(entry["known"] / MM), fixed(entry["found"] / MM), fixed(entry["sigma"] / MM))
