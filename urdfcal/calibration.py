@@ -167,8 +167,9 @@ def fit(
     require_screen_of_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
+    robot = as_measured(robot, fit_set)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
-    errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), data)
+    errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), fit_set)
     noise = noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
     nominal = nominal_fit(errors, fit_set, noise)
     errors = nominal.errors
@@ -213,9 +214,9 @@ def fit(
             *model_warnings(robot, errors, options),
             *((no_scale,) if no_scale else ()),
             *((begun.message,) if begun.message else ()),
-            *few_spots(noise, freedom),
+            *few_spots(fit_set, noise, freedom),
             *large_scales(chosen),
-            *disagreement(found.noise, misfit, freedom),
+            *disagreement(fit_set, found.noise, misfit, freedom),
         ),
     )
     return calibration if test_set is None else with_test(calibration, test_set)

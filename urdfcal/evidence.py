@@ -32,7 +32,7 @@ from urdfcal.error_model import ErrorModel, Parameter
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.noise import Noise
 
-START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m] and [rad]: within a factor of about 2.5 of real arms' medians
+START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance

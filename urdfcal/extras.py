@@ -91,7 +91,7 @@ class Extras:
             blocks += ["", self.accuracy.words()]
         if self.folds is not None:
             blocks += ["", "Cross-validation: every pose predicted by a fit that did not see it", ""]
-            blocks += [spot_table_block([(f"{self.folds.folds}-fold", self.folds.before, self.folds.after)])]
+            blocks += [spot_table_block([(f"{self.folds.folds}-fold", self.folds.before, self.folds.after)], self.folds.spots)]
             blocks += [f"fold rejected: {reason}" for reason in self.folds.rejected]
         return blocks
 

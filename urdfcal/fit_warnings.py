@@ -7,27 +7,33 @@ import numpy as np
 from urdfcal.error_model import DEFAULT_PRIORS
 from urdfcal.evidence import Evidence
 from urdfcal.geometry import MM
+from urdfcal.measurements import Measurements
 from urdfcal.noise import LEAST_FREEDOM, Noise
 
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
 _CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
 
 
-def disagreement(noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
+def disagreement(data: Measurements, noise: Noise, misfit: float, freedom: float) -> tuple[str, ...]:
     """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
     if not noise.all_stated or freedom < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / freedom):
         return ()
-    times = np.sqrt(misfit)
+    times, what = np.sqrt(misfit), "measurements" if data.readings else "spots"
     return (
-        f"the spots scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
+        f"the {what} scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
         f"{'the sigmas are too small' if times > 1 else 'the sigmas are too large'}; leave the noise out to have it estimated",
     )
 
 
-def few_spots(noise: Noise, freedom: float) -> tuple[str, ...]:
+def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ...]:
     """Noise that is assumed, since there are too few measurements to estimate it."""
     if noise.all_stated or freedom >= LEAST_FREEDOM:
         return ()
+    if data.readings:
+        return (
+            f"too few measurements to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): usual "
+            "figures are assumed; measure more poses or state it in .sigma columns",
+        )
     return (
         f"too few spots to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): "
         f"{noise.spot_sigma / MM:g} mm is assumed; measure more poses or state it with --spot-sigma-mm",

@@ -20,6 +20,7 @@ from urdfcal.errors import RigError, RobotError
 from urdfcal.geometry import MM, SE3, Matrix, Vector, rotation_screw, translation_screw
 from urdfcal.robot import Robot
 from urdfcal.urdf_tree import UrdfJoint
+from urdfcal.whole_robot import WholeRobot
 
 CONFIGURATIONS = 1000
 _NOTHING = 1e-3  # [mm]
@@ -157,20 +158,13 @@ def _ends(robot: Robot, moving: Mapping[str, float]) -> tuple[str, str]:
 
 def configurations(robot: Robot, rng: np.random.Generator, count: int) -> Matrix:
     """Random positions of every joint that moves, (n, nq); mimic joints follow their leaders, the rest stays at neutral."""
-    model, joints = robot.model, {name: joint for name, joint in robot.tree.joints.items() if joint.moves}
+    joints = {name: joint for name, joint in robot.tree.joints.items() if joint.moves}
     drawn = {
         name: rng.uniform(-np.pi, np.pi, count) if joint.type == "continuous" else rng.uniform(joint.lower, joint.upper, count)
         for name, joint in joints.items()
     }
 
-    def positions(name: str) -> Vector:
-        mimic = joints[name].mimic
-        return drawn[name] if mimic is None else mimic.multiplier * positions(mimic.joint) + mimic.offset
-
-    steps = np.zeros((count, model.nv))
-    for name in joints:
-        steps[:, model.joints[model.getJointId(name)].idx_v] = positions(name)
-    return np.array([pin.integrate(model, pin.neutral(model), step) for step in steps])
+    return WholeRobot(robot, list(drawn)).configurations(np.column_stack(list(drawn.values())))
 
 
 def _positions(robot: Robot, origins: Mapping[str, SE3], base: str, tool: str, q: Matrix) -> Matrix:

@@ -179,7 +179,9 @@ class Measurements:
         left = {place.name for each in readings for place in each.places}
         lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
         per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in ("payload", "approach")}
-        return replace(self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=())
+        return replace(
+            self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=()
+        )
 
     def split(self) -> tuple[Measurements, Measurements]:
         """The poses to fit and the poses to test, by the `set` column."""

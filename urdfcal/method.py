@@ -192,7 +192,8 @@ def _of_kept(model: SpotModel, kept: Mask) -> SpotModel:
     data, lasers = model.data, len(model.data.lasers)
     kept = kept[: len(data)]
     spots = np.where(kept[:, :lasers, None], data.spots, np.nan)
-    readings = tuple(each.without(~own) for each, own in zip(data.readings, kept[:, lasers:].T, strict=True))
+    columns = {(each.data.kind, each.data.target): own for each, own in zip(model.readings, kept[:, lasers:].T, strict=True)}
+    readings = tuple(each.without(~columns[each.kind, each.target]) for each in data.readings)
     return SpotModel(model.errors, replace(data, spots=spots, readings=readings), model.joints)
 
 

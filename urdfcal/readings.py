@@ -120,7 +120,9 @@ def instruments_of(readings: Sequence[Readings], reference: str, lasers: Sequenc
     targets = {each.target: Target(each.target, each.link, each.target in whole) for each in others}
     places = {place.name: place for each in others for place in each.places}
     placed = any(each.kind in SEEN_FROM_FRAME for each in others)
-    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if len(others) < len(readings) else ())
+    return Instruments(
+        tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if len(others) < len(readings) else ()
+    )
 
 
 def _camera_sigma(camera: Any) -> tuple[float, ...]:

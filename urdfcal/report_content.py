@@ -50,8 +50,8 @@ class Report:
     suspects: tuple[Suspect, ...]
 
 
-def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
-    """Gather everything that there is to say about a calibration."""
+def report_of(calibration: FitResult, command: Sequence[str], sag: Section | None = None) -> Report:
+    """Gather everything that there is to say about a calibration, and of what gravity does to the robot if that was asked."""
     sets, readings = residuals_of(calibration), reading_residuals(calibration)
     found = [*suspects(calibration, sets), *reading_suspects(calibration, readings)]
     found.sort(key=lambda suspect: -suspect.length)
@@ -65,6 +65,7 @@ def report_of(calibration: FitResult, command: Sequence[str]) -> Report:
         _carried(calibration),
         _correlations(calibration),
         _outliers(calibration, sets, found),
+        *([sag] if sag is not None else []),
         Section("warnings", "Warnings", (Points(calibration.warnings),) if calibration.warnings else ()),
         Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
     ]

@@ -10,6 +10,8 @@ from urdfcal.errors import UsageError
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
 from urdfcal.report import calibration_json
+from urdfcal.sag import SagFit
+from urdfcal.sag_report import sag_json, sag_section
 
 ENDINGS = (".html", ".md", ".json")
 
@@ -28,15 +30,15 @@ def write_report(path: Path, calibration: FitResult, command: Sequence[str]) -> 
     write_whole(path, report_bytes(path, calibration, command))
 
 
-def report_bytes(path: Path, calibration: FitResult, command: Sequence[str]) -> bytes:
-    """The content of a report, by the ending of its file.
+def report_bytes(path: Path, calibration: FitResult, command: Sequence[str], sag: SagFit | None = None) -> bytes:
+    """The content of a report, by the ending of its file; with what gravity does to the robot, if that is known.
 
     Raises:
         UsageError: the file has another ending.
     """
     require_report_ending(path)
-    writers: dict[str, Callable[[FitResult, Sequence[str]], str]] = {".html": _html, ".md": _markdown, ".json": _json}
-    return writers[path.suffix.lower()](calibration, command).encode("utf-8", "backslashreplace")
+    writers: dict[str, Callable[[FitResult, Sequence[str], SagFit | None], str]] = {".html": _html, ".md": _markdown, ".json": _json}
+    return writers[path.suffix.lower()](calibration, command, sag).encode("utf-8", "backslashreplace")
 
 
 def require_report_ending(path: Path) -> None:
@@ -49,19 +51,19 @@ def require_report_ending(path: Path) -> None:
         raise UsageError(f"{path}: a report ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}, found '{path.suffix}'")
 
 
-def _html(calibration: FitResult, command: Sequence[str]) -> str:
+def _html(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
     from urdfcal.html_report import page
     from urdfcal.report_content import report_of
 
-    return page(report_of(calibration, command), calibration)
+    return page(report_of(calibration, command, sag_section(sag)), calibration)
 
 
-def _markdown(calibration: FitResult, command: Sequence[str]) -> str:
+def _markdown(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
     from urdfcal.markdown_report import markdown
     from urdfcal.report_content import report_of
 
-    return markdown(report_of(calibration, command))
+    return markdown(report_of(calibration, command, sag_section(sag)))
 
 
-def _json(calibration: FitResult, command: Sequence[str]) -> str:
-    return json.dumps(calibration_json(calibration), indent=2) + "\n"
+def _json(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
+    return json.dumps(calibration_json(calibration) | {"sag": sag_json(sag) if sag is not None else None}, indent=2) + "\n"

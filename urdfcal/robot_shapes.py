@@ -81,7 +81,7 @@ def robot_shapes(robot: Robot) -> Shapes:
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
         warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {' '.join(str(error).split())}"]
-    rig = {robot.rig.screen, robot.rig.module, *robot.rig.lasers}
+    rig = {robot.rig.screen, robot.rig.module, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
@@ -98,7 +98,7 @@ def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[
         name = link.get("name", "")
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if name == robot.rig.screen:
+            if robot.rig.lasers and name == robot.rig.screen:
                 link.remove(visual)
             elif mesh is not None:
                 try:
@@ -140,7 +140,7 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
             rail = joint.origin * _z_to(np.array(joint.axis), joint.upper / 2 * np.array(joint.axis))
             _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * radius, joint.upper), rail, _BODY)
         reach = float(np.linalg.norm(joint.origin.translation))
-        if joint.parent in links and reach > radius and joint.child != robot.rig.screen:
+        if joint.parent in links and reach > radius and not (robot.rig.lasers and joint.child == robot.rig.screen):
             between = _z_to(joint.origin.translation, joint.origin.translation / 2)
             _add(robot, model, joint.parent, f"to_{joint.child}", coal.Capsule(radius, reach), between, _BODY)
     if robot.rig.module in rig:

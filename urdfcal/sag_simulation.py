@@ -96,23 +96,19 @@ def sag_entries(errors: ErrorModel, x: Vector) -> dict[str, Any]:
     return {"gravity": gravity, "masses": "generic" if weighed.generic else "urdf", "deflections": terms}
 
 
-def pull_of(gravity: str | None, payloads: Sequence[str]) -> Gravity:
-    """Direction of gravity and payloads as the command line has them.
+def sag_scales(
+    sag_mrad: float, across_mrad: float, eccentricity_mrad: float, gravity: str | None = None, payloads: Sequence[str] = ()
+) -> SagScales:
+    """Scales, direction of gravity and payloads as the command line has them.
 
     Raises:
-        UsageError: they are not readable.
-    """
-    direction = Gravity().direction if gravity is None else parse_gravity(gravity)
-    return Gravity(direction, dict(parse_payload(text) for text in payloads))
-
-
-def sag_scales(sag_mrad: float, across_mrad: float, eccentricity_mrad: float, gravity: Gravity) -> SagScales:
-    """Scales in the units of the command line.
-
-    Raises:
-        UsageError: one of them is negative, or not finite.
+        UsageError: a scale is negative or not finite, gravity or a payload is not readable, or they are given for a rigid robot.
     """
     for name, value in (("sag", sag_mrad), ("sag-across", across_mrad), ("eccentricity", eccentricity_mrad)):
         if not 0 <= value < np.inf:
             raise UsageError(f"--{name}-mrad {value:g}: expected a deflection in mrad, zero or above")
-    return SagScales(sag_mrad * _MRAD, across_mrad * _MRAD, eccentricity_mrad * _MRAD, gravity)
+    if (gravity is not None or payloads) and not (sag_mrad or across_mrad):
+        raise UsageError("--gravity and --payload bend no rigid robot; say how soft it is with --sag-mrad")
+    direction = Gravity().direction if gravity is None else parse_gravity(gravity)
+    pull = Gravity(direction, dict(parse_payload(text) for text in payloads))
+    return SagScales(sag_mrad * _MRAD, across_mrad * _MRAD, eccentricity_mrad * _MRAD, pull)

@@ -186,7 +186,7 @@ class Scene:
     @cached_property
     def ball(self) -> float:
         """Radius of a target's mark, [m]."""
-        return min(1.0, (_FEW / max(len(self.data), 1)) ** 0.35) * _TARGET_MARK * self.width
+        return float(min(1.0, (_FEW / max(len(self.data), 1)) ** 0.35)) * _TARGET_MARK * self.width
 
     @cached_property
     def target_magnification(self) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.geometry import MM, SE3, Matrix, Vector, Z
+from urdfcal.geometry import MM, Matrix, Vector, Z
 from urdfcal.key_frames import Clips, KeyFrames, Rows, jumps
 from urdfcal.measurements import Mask
 from urdfcal.robot import Robot

@@ -15,13 +15,14 @@ from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.key_frames import Rows
 from urdfcal.meshcat_parts import mg
 from urdfcal.scene import Scene
-from urdfcal.scene_marks import CALIBRATED, ERROR, MEASURED, MISSING, NOMINAL, POSE_SIZE, flat, seen_through, segments, unit_beam
+from urdfcal.scene_marks import CALIBRATED, ERROR, MEASURED, MISSING, NOMINAL, flat, seen_through, segments, unit_beam
 from urdfcal.target_scene import Mark, Plane
 
 AXES = (0xD0342C, 0x2E9E3F, 0x2F5FD0)  # x, y, z
 PLANE = 0x8FB8DE
 TRIAD = 4.0  # length of a measured pose's axes over the radius of a ball
 ARM, THICK = 2.4, 0.42  # half length of a cross's arms and their thickness, over the radius of a ball
+POSE_SIZE = 2.3  # how much larger the marks of the pose shown are
 _FRAME = 0.11  # length of the measuring frame's axes over the width of the marks
 _LINE = 0.0011  # radius of a line of sight over that width
 _RIM = 6

@@ -10,9 +10,8 @@ import pinocchio as pin
 from urdfcal.geometry import Matrix, Vector, Z
 from urdfcal.key_frames import Clips, KeyFrames, Rows, jumps
 from urdfcal.scene import Scene
-from urdfcal.scene_marks import POSE_SIZE
 from urdfcal.scene_nodes import HIDDEN, put, turns
-from urdfcal.target_marks import sight_of
+from urdfcal.target_marks import POSE_SIZE, sight_of
 from urdfcal.target_scene import Mark
 
 _STILL = np.array([0.0, 0.0, 0.0, 1.0])

@@ -21,8 +21,8 @@ from urdfcal.gauge import build_error_model
 from urdfcal.geometry import Array3, Array4, Matrix, Vector
 from urdfcal.instruments import Place
 from urdfcal.measurements import Measurements
-from urdfcal.nominal import nominal_fit
 from urdfcal.noise import Block
+from urdfcal.nominal import nominal_fit
 from urdfcal.readings import Readings
 from urdfcal.robot import Robot
 from urdfcal.spot_model import SpotModel
@@ -137,11 +137,11 @@ class PlacedTargets:
         if own.kind == "plane":
             normals, offsets = zip(*(self._plane(place) for place in own.places), strict=True)
             normal, offset = self._of_pose(own, np.array(normals)), self._of_pose(own, np.array(offsets)[:, None])
-            return predicted + normal * (offset - np.sum(normal * predicted, axis=1, keepdims=True))
+            return np.asarray(predicted + normal * (offset - np.sum(normal * predicted, axis=1, keepdims=True)))
         if own.kind == "distance":
             apart = predicted - self._numbers(own.places[0])
             length = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), _LEAST)
-            return predicted + apart / length * (own.values - length)
+            return np.asarray(predicted + apart / length * (own.values - length))
         if own.kind == "pixel":
             rays = self.data.camera.rays(np.where(np.isnan(own.values), 0.0, own.values))
             return np.asarray(rays * (predicted[:, 2:] / rays[:, 2:]))

@@ -49,6 +49,7 @@ class CrossValidation:
     Attributes:
         before, after: Spot distances over all poses, each predicted without it: with the nominal robot, and calibrated.
         fold_rms_mm: RMS distance over the held-out poses of each fold, (folds,), [mm].
+        spots: Whether nothing but spots was measured.
         rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
     """
 
@@ -56,6 +57,7 @@ class CrossValidation:
     after: SpotTable
     fold_rms_mm: Vector
     rejected: tuple[str, ...]
+    spots: bool = True
 
     @property
     def folds(self) -> int:
@@ -114,7 +116,7 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         after.take(here, held)
         rms.append(rms_mm(error_table(here, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
-    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected))
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), not data.readings)
 
 
 class _Gathered:

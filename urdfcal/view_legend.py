@@ -12,7 +12,6 @@ from urdfcal.key_frames import Rows
 from urdfcal.scene import FINE, Scene
 from urdfcal.scene_marks import CALIBRATED, ERROR, GRID, MEASURED, MISSING, NOMINAL, SHEET, beam_colour
 
-
 _READ = {  # what the balls are
     "point": "point, measured",
     "pixel": "target, on the ray of its pixel",

@@ -229,7 +229,7 @@ def fit(
     files: dict[str | Path, bytes] = {**deployed.files(plan), record: calibration.record(sys.argv)}
     warn(deployed.warnings(plan), quiet)
     if report is not None:
-        files[report] = report_bytes(report, calibration, sys.argv)
+        files[report] = report_bytes(report, calibration, sys.argv, bent)
     if compensation is not None and bent is not None:
         files |= dict(zip(reversed(pair), bent.files(pair[1].name), strict=True))
     write_together(files)

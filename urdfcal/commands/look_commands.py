@@ -66,7 +66,8 @@ def evaluate(
     machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
     if "test" in tables:
         machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}
-    show(machine if as_json else None, [spot_table_block((name, table, None) for name, table in tables.items())])
+    rows = [(name, table, None) for name, table in tables.items()]
+    show(machine if as_json else None, [spot_table_block(rows, not data.readings)])
 
 
 def check(

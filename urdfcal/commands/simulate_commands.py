@@ -96,7 +96,7 @@ def simulate(
     from urdfcal.files import write_together
     from urdfcal.measurements import measurements_csv
     from urdfcal.reading_simulation import reading_noise, simulate_readings
-    from urdfcal.sag_simulation import pull_of, sag_bytes, sag_scales, soft_truth
+    from urdfcal.sag_simulation import sag_bytes, sag_scales, soft_truth
     from urdfcal.simulated_setup import parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation import ScreenArea, draw_poses
     from urdfcal.simulation import simulate as run_simulate
@@ -107,7 +107,7 @@ def simulate(
     require_places(output, truth_file, inputs=(robot,))
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
-    soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, pull_of(gravity, payload or ()))
+    soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
     area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
     sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
     if sensors:
