@@ -52,13 +52,10 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
-from urdfcal.errors import FitRejected, UsageError
+from urdfcal.errors import FitRejected
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from urdfcal.calibration import Calibration
-    from urdfcal.sag import SagFit
+    import numpy as np
 
 
 def fit(
@@ -156,46 +153,36 @@ def fit(
     import numpy as np
 
     from urdfcal.calibration import fit as run_fit
+    from urdfcal.commands.fit_outputs import planned, sag_wish
     from urdfcal.extras import Extras, predicted_spots, workspace_accuracy
     from urdfcal.files import write_together
-    from urdfcal.formats import deployment
     from urdfcal.gauge import laid_over
     from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
-    from urdfcal.report_files import report_bytes, require_report_ending
     from urdfcal.sag_report import sag_blocks, sag_json
     from urdfcal.validation import coverage_warnings
     from urdfcal.validation import holdout as hold_out
     from urdfcal.validation import kfold as cross_validate
 
+    def rng() -> np.random.Generator:
+        return np.random.default_rng(seed)
+
     rig_file = rig_file_of(rig)
-    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
-    plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
-    record = plan.main.parent / f"{plan.stem}_calibration.yaml"
-    if report is not None:
-        require_report_ending(report)
-    pair = [compensation, compensation.with_suffix(".urdf")] if compensation else []
-    places = (*plan.places.values(), record, *([report] if report else []), *pair)
-    require_places(*places, inputs=(robot, measurements, rig, test, ur_hash_from, camera))
-    unmeasured = arm
+    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report, compensation)
+    require_places(*outputs.places.values(), inputs=(robot, measurements, rig, test, ur_hash_from, camera))
+    wish = sag_wish(sag or compensation is not None, gravity, payload, also)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
-    plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
+    outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
-        data = hold_out(data, holdout, np.random.default_rng(seed))
-    options = laid_over(
-        rig_file.options(),
-        error_model,
-        estimate or (),
-        fix or (),
-        only or (),
-        priors_of(prior_joint, prior_mount, prior_screen, prior_beams),
-    )
-    options = replace(options, reference_known=options.reference_known or reference_known)
+        data = hold_out(data, holdout, rng())
+    priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
+    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator,
         "schedule": schedule,
-        "options": options,
+        "options": replace(options, reference_known=options.reference_known or reference_known),
         "spot_sigma": spot_noise(rig_file, spot_sigma_mm),
         "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
         "tolerance": positive("--tolerance", tolerance),
@@ -209,60 +196,28 @@ def fit(
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
     say(verbose, f"{about(arm)}; {len(data)} poses")
-    calibration = run_fit(arm, data, test=further, rng=np.random.default_rng(seed), **how)
+    calibration = run_fit(arm, data, test=further, rng=rng(), **how)
     warned = (*calibration.warnings, *(further.warnings if further else ()), *coverage_warnings(arm, calibration))
     calibration = replace(calibration, warnings=warned)
-    extra = Extras(
-        workspace_accuracy(arm, calibration, tool, np.random.default_rng(seed)) if tool is not None else None,
-        cross_validate(arm, data, kfold, np.random.default_rng(seed), **how) if kfold is not None else None,
-        predicted_spots(arm, calibration, np.random.default_rng(seed)),
-    )
-    bent = sagging(calibration, sag or compensation is not None, gravity, payload, also) if not calibration.rejection else None
-    if compensation is not None and bent is None:
-        raise UsageError("--compensation: gravity bends no joint of this robot, so there is nothing to write")
+    bent = wish.of(calibration)
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if force:
         warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
         calibration.require_trustworthy()
-    deployed = calibration.deployed(np.random.default_rng(seed))
-    files: dict[str | Path, bytes] = {**deployed.files(plan), record: calibration.record(sys.argv)}
-    warn(deployed.warnings(plan), quiet)
-    if report is not None:
-        files[report] = report_bytes(report, calibration, sys.argv, bent)
-    if compensation is not None and bent is not None:
-        files |= dict(zip(reversed(pair), bent.files(pair[1].name), strict=True))
+    extra = Extras(
+        workspace_accuracy(arm, calibration, tool, rng()) if tool is not None else None,
+        cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None,
+        predicted_spots(arm, calibration, rng()),
+    )
+    files, cautions = outputs.contents(calibration, bent, rng())
+    warn(cautions, quiet)
     write_together(files)
-    written = {"files": {name: str(place) for name, place in {**plan.places, "calibration": record}.items()}}
     if as_json:
-        show(calibration_json(calibration) | extra.machine() | written | {"sag": sag_json(bent) if bent else None}, [])
+        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": sag_json(bent) if bent else None}
+        show(calibration_json(calibration) | extra.machine() | written, [])
     else:
         show(None, [*calibration_blocks(calibration), *extra.blocks(), *(sag_blocks(bent, str(compensation or "")) if bent else [])])
-    say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in plan.places else ""), sys.stdout)
+    say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
     if calibration.rejection:
         raise typer.Exit(FitRejected.exit_code)
-
-
-def sagging(
-    calibration: Calibration, wanted: bool, gravity: str | None, payloads: Sequence[str] | None, also: Sequence[str] | None
-) -> SagFit | None:
-    """The joint fit of geometry and sag, if it is wanted and gravity bends anything.
-
-    Raises:
-        UsageError: an option means nothing here.
-    """
-    from urdfcal.gravity import Gravity, parse_gravity, parse_payload
-    from urdfcal.sag import estimated_gravity, fit_sag
-    from urdfcal.softness import EXTRAS
-
-    hung = dict(parse_payload(text) for text in payloads or ())
-    for term in also or ():
-        if term not in EXTRAS:
-            raise UsageError(f"--also {term}: there are: {', '.join(EXTRAS)}")
-    estimate = gravity == "estimate"
-    direction = Gravity().direction if gravity is None or estimate else parse_gravity(gravity)
-    if not wanted:
-        return None
-    if estimate:
-        direction = estimated_gravity(calibration).direction
-    return fit_sag(calibration, Gravity(direction, hung), extras=also or ())

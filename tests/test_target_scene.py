@@ -1,0 +1,185 @@
+"""What the view makes of points, orientations, wires, planes and sockets, without a browser."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from tests.sensor_cases import CASES, SINGLE, setup_of
+from urdfcal.evaluation import as_measured, evaluate
+from urdfcal.geometry import MM, Matrix
+from urdfcal.key_frames import MOST_POSES, key_frames
+from urdfcal.measurements import Measurements, write_measurements
+from urdfcal.reading_simulation import ReadingNoise, simulate_readings
+from urdfcal.robot import Robot, robot_from
+from urdfcal.scene import Scene, frame_placements
+from urdfcal.target_marks import arrows, balls, crosses
+from urdfcal.target_scene import Mark
+from urdfcal.urdf_writer import with_origins
+from urdfcal.viewer import view_of
+from urdfcal.whole_robot import whole_configurations
+
+DRAWN = [*SINGLE, "reference carried", "hand sees hand", "several targets", "lasers and points", "every kind"]
+
+
+def seen(name: str, robots: dict[str, Robot], rng: np.random.Generator, poses: int = 40) -> tuple[Robot, Measurements, Robot]:
+    """Nominal robot, measurements without noise, and the robot that made them."""
+    setup = setup_of(CASES[name], robots, rng)
+    data = simulate_readings(setup, poses, rng)
+    text = with_origins(setup.robot.description, setup.errors.corrected_origins(setup.x))
+    true = robot_from(replace(setup.robot.description, text=text), screen=setup.robot.screen, lasers=setup.robot.lasers)
+    return setup.robot, data, true
+
+
+def there(mark: Mark, places: Matrix) -> Matrix:
+    """Of places (n, 3) those of poses at which something was read."""
+    return np.asarray(places[~np.isnan(mark.read[:, 0])])
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """With the robot that made the measurements every prediction is the reading; the nominal one's are millimetres off."""
+    scene = view_of(*seen(name, robots, rng)).scene
+    assert {mark.kind for mark in scene.marks} == {each.kind for each in scene.data.readings}
+    for index, mark in enumerate(scene.marks):
+        np.testing.assert_allclose(there(mark, mark.predicted), there(mark, mark.read), atol=2e-6)
+        before = np.linalg.norm(there(mark, scene.shifted(0, index) - mark.read), axis=1)
+        assert before.max() < 0.1
+        assert not mark.is_point or before.mean() > 1e-4
+    assert all(np.nanmean(row.phases[1]) < 0.05 * np.nanmean(row.phases[0]) for row in scene.compared)
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """The mean errors beside the picture are those that `urdfcal evaluate` prints."""
+    robot, data, _ = seen(name, robots, rng)
+    scene = view_of(robot, data).scene
+    table = evaluate(robot, data)
+    assert [row.name for row in scene.compared] == list(table)
+    for row in scene.compared:
+        assert np.nanmean(row.phases[0]) == pytest.approx(table[row.name].mean, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Put into the root by the drawn measuring frame, a predicted target is one and the same point of its link, by Pinocchio's frames."""
+    robot, data, _ = seen(name, robots, rng, 30)
+    scene = view_of(robot, data).scene
+    whole = whole_configurations(scene.robot, data.q)
+    frames = robot.model.createData()
+    placed = frame_placements(scene.targets[0], whole, data.q)
+    for mark, readings in zip(scene.marks, data.readings, strict=True):
+        on_link = []
+        for q, T_root_frame, p in zip(whole, placed, mark.predicted, strict=True):
+            pin.framesForwardKinematics(robot.model, frames, q)
+            T_root_link = frames.oMf[robot.model.getFrameId(readings.link, pin.FrameType.BODY)]
+            on_link.append(T_root_link.actInv(T_root_frame.act(p)))
+        np.testing.assert_allclose(on_link, np.tile(on_link[0], (len(on_link), 1)), atol=1e-9)
+
+
+def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A ball is at the read point, at the read distance from the wire's end, on the plane, or in the one socket that was touched."""
+    robot, data, _ = seen("every kind", robots, rng)
+    scene = view_of(robot, data).scene
+    for mark, readings in zip(scene.marks, data.readings, strict=True):
+        read = there(mark, mark.read)
+        if mark.kind == "point" and readings.target.startswith("tool0"):
+            np.testing.assert_allclose(read, readings.values[readings.seen])
+        elif mark.kind == "distance":
+            np.testing.assert_allclose(np.linalg.norm(read - mark.fixed, axis=1), readings.values[readings.seen, 0])
+        elif mark.kind == "plane":
+            labels = readings.labels[readings.seen]
+            for plane in scene.targets[-1].planes:
+                off = (read[labels == plane.label] - plane.point) @ np.cross(*plane.along)
+                np.testing.assert_allclose(off, 0.0, atol=1e-12)
+        elif mark.kind == "socket":
+            assert len(np.unique(np.round(read, 9), axis=0)) == len(readings.touched)
+
+
+def test_missing_readings_are_not_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A pose without a reading has no ball, no number in the table, and nothing that is not finite in the page."""
+    robot, data, true = seen("pose", robots, rng, 8)
+    holes = np.arange(8) == 2
+    view = view_of(robot, replace(data, readings=tuple(each.without(holes) for each in data.readings)), true)
+    assert [int(np.isnan(mark.read[:, 0]).sum()) for mark in view.scene.marks] == [1, 1]
+    scene, config = (re.search(f'id="urdfcal-{name}">([^<]*)<', view.html) for name in ("scene", "config"))
+    assert scene
+    assert config
+    content = gzip.decompress(base64.b64decode(scene[1]))
+    animation = json.loads(content[content.index(b'{"type":"set_animation"') :], parse_constant=pytest.fail)
+    assert any("axes_2" in entry["path"] for entry in animation["animations"])
+    assert json.loads(config[1])["poses"][2]["errors"] == [["–", "–"], ["–", "–"]]
+
+
+def test_of_very_many_poses_the_worst_target_is_animated(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """As with lasers."""
+    robot, data, true = seen("point", robots, rng, MOST_POSES + 50)
+    values = data.readings[0].values.copy()
+    values[37] += 0.05
+    scene = Scene(as_measured(robot, data), true, replace(data, readings=(replace(data.readings[0], values=values),)))
+    assert 37 in key_frames(replace(scene, calibrated=as_measured(true, data))).rows
+
+
+def test_one_session_is_shown(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Each session has a measuring frame of its own; the first one's is drawn, and that is said."""
+    robot, data, true = seen("sessions", robots, rng)
+    view = view_of(robot, data, true)
+    assert set(view.scene.data.sessions) == {"monday"}
+    assert "20 poses of other sessions" in view.warnings[0]
+    assert np.nanmax(view.scene.compared[0].phases[1]) < 1e-2
+
+
+def test_the_robots_base_is_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """The reference link is no screen: its shape stays."""
+    robot, data, _ = seen("point", robots, rng, 5)
+    assert robot.rig.screen in robot.tree.links
+    assert any(link == "base_link" for link in view_of(robot, data).shapes.links)
+    panda, points, _ = seen("reference carried", robots, rng, 5)
+    assert "panda_link0" in view_of(panda, points).shapes.links
+
+
+def test_balls_crosses_and_arrows_have_the_size_that_is_asked_for(rng: np.random.Generator) -> None:
+    """Balls lie on their spheres, crosses reach out of them, arrows end at their tips."""
+    centres = rng.normal(0, 1, (5, 3))
+    vertices = balls(0.02, centres).vertices.reshape(5, -1, 3)
+    np.testing.assert_allclose(np.linalg.norm(vertices - centres[:, None], axis=2), 0.02, rtol=1e-4)
+    for tilted in (False, True):
+        arms = crosses(0.02, centres, tilted).vertices.reshape(5, -1, 3) - centres[:, None]
+        assert np.linalg.norm(arms, axis=2).max() > 0.04
+    tips = centres + rng.normal(0, 0.1, (5, 3))
+    points = arrows(centres, tips, 0.005).vertices.reshape(5, -1, 3)
+    np.testing.assert_allclose(points[:, -1], tips, atol=1e-6)
+    np.testing.assert_allclose(points[:, :6].mean(axis=1), centres, atol=1e-6)
+
+
+def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Millimetres are drawn a few times longer, hundredths many times; what is asked for is done."""
+    robot, data, true = seen("point", robots, rng)
+    before, after = view_of(robot, data).scene, view_of(robot, data, true).scene
+    assert before.target_magnification <= 20 < after.target_magnification
+    assert view_of(robot, data, magnify=3).scene.target_magnification == 3
+
+
+def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """`urdfcal view` takes the options of `fit`: a reference link, and the calibration's YAML."""
+    setup = setup_of(CASES["every kind"], robots, rng)
+    data = simulate_readings(setup, 40, rng, ReadingNoise(spot=0.1 * MM, length=0.05 * MM, angle=1e-4))
+    write_measurements(tmp_path / "m.csv", data)
+    (tmp_path / "ur5.urdf").write_bytes(setup.robot.description.text)
+    done = run_cli("view", "ur5.urdf", "m.csv", "--html", "v.html", "--reference", "base_link", "--json")
+    assert (done.code, done.err) == (0, "")
+    page = (tmp_path / "v.html").read_text()
+    assert "measuring frame, fixed to base_link" in page
+    for words in ("laser_1", "tool0", "slm:bar distance", "wire", "planes that were touched", "socket, where its touches meet"):
+        assert words in page
+    refused = run_cli("view", "ur5.urdf", "m.csv", "--html", "w.html", "--reference", "nowhere")
+    assert (refused.code, len(refused.err.splitlines())) == (2, 1)
+    assert not (tmp_path / "w.html").exists()

@@ -1,0 +1,117 @@
+"""What `urdfcal fit` writes, and what it is asked about sag; both are refused before any work is done."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from urdfcal.errors import UsageError
+from urdfcal.formats import Deployment, deployment
+from urdfcal.gravity import Gravity, parse_gravity, parse_payload
+from urdfcal.report_files import report_bytes, require_report_ending
+from urdfcal.softness import EXTRAS
+
+if TYPE_CHECKING:
+    from urdfcal.calibration import Calibration
+    from urdfcal.sag import SagFit
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files that a fit will leave.
+
+    Attributes:
+        plan: Deployed formats and their places.
+        report: The report, if one is wanted.
+        compensation: The compensation, if one is wanted; its URDF stands beside it.
+    """
+
+    plan: Deployment
+    report: Path | None = None
+    compensation: Path | None = None
+
+    @property
+    def places(self) -> dict[str, Path]:
+        """Every file by what it is."""
+        places = {**self.plan.places, "calibration": self.plan.main.parent / f"{self.plan.stem}_calibration.yaml"}
+        places |= {"report": self.report} if self.report else {}
+        return places | (
+            {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
+        )
+
+    def contents(self, calibration: Calibration, sag: SagFit | None, rng: np.random.Generator) -> tuple[dict[str | Path, bytes], list[str]]:
+        """What goes into them, and what the user ought to know of it.
+
+        Raises:
+            UsageError: a compensation is wanted, and there is nothing to compensate.
+        """
+        deployed, places = calibration.deployed(rng), self.places
+        files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: calibration.record(sys.argv)}
+        if self.report is not None:
+            files[self.report] = report_bytes(self.report, calibration, sys.argv, sag)
+        if self.compensation is not None and not calibration.rejection:
+            if sag is None:
+                raise UsageError("--compensation: gravity bends no joint of this robot, so there is nothing to write")
+            urdf, text = sag.files(places["compensated_urdf"].name)
+            files |= {places["compensated_urdf"]: urdf, self.compensation: text}
+        return files, list(deployed.warnings(self.plan))
+
+
+def planned(
+    formats: Sequence[str] | None, output: Path | None, stem: str, ur_hash_from: Path | None, report: Path | None, compensation: Path | None
+) -> Outputs:
+    """The files that the options ask for.
+
+    Raises:
+        UsageError: an ending or a format is none of ours.
+    """
+    if report is not None:
+        require_report_ending(report)
+    if compensation is not None and compensation.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
+    return Outputs(deployment(formats or (), output, stem, ur_hash_from), report, compensation)
+
+
+@dataclass(frozen=True)
+class SagWish:
+    """What is asked about sag.
+
+    Attributes:
+        wanted: Whether it is to be fitted at all.
+        gravity: Where down is, and what is carried.
+        estimate: Whether the direction is to be found from the data.
+        extras: Further terms to try.
+    """
+
+    wanted: bool
+    gravity: Gravity
+    estimate: bool
+    extras: tuple[str, ...]
+
+    def of(self, calibration: Calibration) -> SagFit | None:
+        """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""
+        from urdfcal.sag import estimated_gravity, fit_sag
+
+        if not self.wanted or calibration.rejection:
+            return None
+        direction = estimated_gravity(calibration).direction if self.estimate else self.gravity.direction
+        return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras)
+
+
+def sag_wish(wanted: bool, gravity: str | None, payloads: Sequence[str] | None, also: Sequence[str] | None) -> SagWish:
+    """What the options ask about sag.
+
+    Raises:
+        UsageError: an option means nothing.
+    """
+    for term in also or ():
+        if term not in EXTRAS:
+            raise UsageError(f"--also {term}: there are: {', '.join(EXTRAS)}")
+    estimate = gravity == "estimate"
+    direction = Gravity().direction if gravity is None or estimate else parse_gravity(gravity)
+    return SagWish(wanted, Gravity(direction, dict(parse_payload(text) for text in payloads or ())), estimate, tuple(also or ()))
