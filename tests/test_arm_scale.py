@@ -108,3 +108,16 @@ def seen_directions(errors: ErrorModel, setup: SimulatedSetup, data: Measurement
     scale = np.where(np.array(errors.units) == "m", 0.1, 1.0)
     values = np.linalg.svd(here.jacobian.reshape(-1, len(scale)) * scale, compute_uv=False)
     return int(np.sum(values > 1e-7 * values[0]))
+
+
+@pytest.mark.parametrize("name", ["socket", "plane", "distance"])
+def test_places_stand_for_where_the_robot_stands(name: str, robots: dict[str, Robot]) -> None:
+    """Where nothing but unknown places is met, the first joints' share in the base's placement is theirs; held places leave it alone."""
+    setup, data = touched(CASES[name], robots, poses=20)
+    errors = build_error_model(setup.robot.chain, setup.robot.rig)
+    carried = [own for own, carrier in errors.carried.items() if carrier == "the places that are touched"]
+    assert len(carried) == 5
+    assert {own.rpartition(".")[0] for own in carried} == {"shoulder_pan_joint", "shoulder_lift_joint"}
+    place = data.instruments.places[0].name
+    known = build_error_model(setup.robot.chain, setup.robot.rig, ModelOptions(fix=(f"{place}.*",)))
+    assert known.carried == {}

@@ -114,7 +114,7 @@ def test_where_masses_are_missing_generic_ones_stand_in(robots: dict[str, Robot]
     panda = WeighedRobot(robots["panda"], DOWN)
     assert not panda.generic
     for joint in panda.joints:
-        assert panda.model.inertias[joint].isEqual(robots["panda"].model.inertias[joint])
+        assert panda.model.inertias[joint] == robots["panda"].model.inertias[joint]
 
 
 def test_generic_masses_pull_like_real_ones(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -254,6 +254,24 @@ BAD = {
         "--rig rig.yaml",
     ),
 }
+BAD |= {
+    "unknown link": (
+        table("tol.x,tol.y,tol.z", *POINTS),
+        "m.csv:1: column 'tol.x': no link named 'tol' among 8 links; did you mean 'tool'?",
+    ),
+    "unknown ending": (table("tool.X", "1"), "m.csv:1: column 'tool.X': the ending '.X' means nothing; expected one of .x, .y"),
+    "two orientations": (
+        table("tool.qx,tool.qy,tool.qz,tool.qw,tool.roll,tool.pitch,tool.yaw", "0,0,0,1,0,0,0"),
+        "m.csv:1: column 'tool.roll': the orientation is in 'tool.qx', too; leave one of the two out",
+    ),
+    "unit of a label": (table("tool.socket [mm]", *LABELS), "m.csv:1: column 'tool.socket': the unit 'mm' of a label means nothing"),
+    "empty label": (table("tool:.x", "1"), "m.csv:1: column 'tool:.x': the label behind 'tool:' is empty; expected tool.x, or a label"),
+    "negative distance": (table("tool.distance", "1", "-2"), "m.csv:3: column 'tool.distance': -2 m is below zero; expected a distance"),
+    "name of the module": (
+        table("slm.distance,laser_1.y,laser_1.z", *POINTS),
+        "'slm' is the name of a mount and of a target, whose parameters could not be told apart; give the target a label, 'slm:NAME'",
+    ),
+}
 RIGS = {
     "a.yaml": "sockets: {distances_mm: {'a': 50}}\n",
     "ac.yaml": "sockets: {distances_mm: {'a - c': 50}}\n",

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from tests.helpers import assert_poses_close, central_differences, poses_in_view
-from tests.sensor_cases import CASES, SensorCase, seen_robot, session_errors, setup_of
+from tests.sensor_cases import CASES, SensorCase, session_errors, setup_of
 from tests.small_robot import joint, robot_of, robot_text
 from urdfcal.chain import Step
 from urdfcal.error_model import ErrorModel
@@ -70,9 +70,8 @@ def test_jacobian_is_the_derivative(name: str, robots: dict[str, Robot], rng: np
     model, x = soft_case(name, robots, rng)
     here = model.linearise(x)
     numeric = -central_differences(lambda state: model.linearise(state).residual, x)
-    assert any(parameter.kind == "soft" for parameter in model.errors.parameters)
     soft = [index for index, parameter in enumerate(model.errors.parameters) if parameter.kind == "soft"]
-    assert np.abs(here.jacobian[:, :, soft]).max(axis=(0, 1)).min() > 1e-6 or name in ("lasers and points", "several targets")
+    assert np.median(np.abs(here.jacobian[:, :, soft]).max(axis=(0, 1))) > 0.01
     np.testing.assert_allclose(here.jacobian, numeric, atol=3e-8 * max(1.0, np.abs(numeric).max()))
 
 
@@ -105,7 +104,7 @@ def test_a_soft_arm_is_the_product_of_its_turns(name: str, robots: dict[str, Rob
             for step in frame.steps:
                 T_frame = T_frame * (step.joint.origin if step.forward else step.joint.origin.inverse())
             found = motion.frames[index][pose]
-            assert_poses_close(pin.SE3(found[:, :3], found[:, 3]), T_frame if frame.depth else T_frame, mm=1e-9, mrad=1e-9)
+            assert_poses_close(pin.SE3(found[:, :3], found[:, 3]), T_frame, mm=1e-9, mrad=1e-9)
 
 
 def behind(steps: tuple[Step, ...], positions: Vector, turned: list[list[tuple[object, float]]]) -> list[SE3]:

@@ -39,6 +39,11 @@ def seen(name: str, robots: dict[str, Robot], rng: np.random.Generator, poses: i
     return setup.robot, data, true
 
 
+def drawn(robot: Robot, data: Measurements, true: Robot | None = None) -> Scene:
+    """The scene alone; what robots look like is not needed, and takes its time."""
+    return Scene(robot, None if true is None else as_measured(true, data), data)
+
+
 def there(mark: Mark, places: Matrix) -> Matrix:
     """Of places (n, 3) those of poses at which something was read."""
     return np.asarray(places[~np.isnan(mark.read[:, 0])])
@@ -47,7 +52,7 @@ def there(mark: Mark, places: Matrix) -> Matrix:
 @pytest.mark.parametrize("name", DRAWN)
 def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """With the robot that made the measurements every prediction is the reading; the nominal one's are millimetres off."""
-    scene = view_of(*seen(name, robots, rng)).scene
+    scene = drawn(*seen(name, robots, rng))
     assert {mark.kind for mark in scene.marks} == {each.kind for each in scene.data.readings}
     for index, mark in enumerate(scene.marks):
         np.testing.assert_allclose(there(mark, mark.predicted), there(mark, mark.read), atol=2e-6)
@@ -61,7 +66,7 @@ def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str
 def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """The mean errors beside the picture are those that `urdfcal evaluate` prints."""
     robot, data, _ = seen(name, robots, rng)
-    scene = view_of(robot, data).scene
+    scene = drawn(robot, data)
     table = evaluate(robot, data)
     assert [row.name for row in scene.compared] == list(table)
     for row in scene.compared:
@@ -72,7 +77,7 @@ def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], r
 def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Put into the root by the drawn measuring frame, a predicted target is one and the same point of its link, by Pinocchio's frames."""
     robot, data, _ = seen(name, robots, rng, 30)
-    scene = view_of(robot, data).scene
+    scene = drawn(robot, data)
     whole = whole_configurations(scene.robot, data.q)
     frames = robot.model.createData()
     placed = frame_placements(scene.targets[0], whole, data.q)
@@ -88,7 +93,7 @@ def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: n
 def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """A ball is at the read point, at the read distance from the wire's end, on the plane, or in the one socket that was touched."""
     robot, data, _ = seen("every kind", robots, rng)
-    scene = view_of(robot, data).scene
+    scene = drawn(robot, data)
     for mark, readings in zip(scene.marks, data.readings, strict=True):
         read = there(mark, mark.read)
         if mark.kind == "point" and readings.target.startswith("tool0"):
@@ -124,8 +129,8 @@ def test_of_very_many_poses_the_worst_target_is_animated(robots: dict[str, Robot
     robot, data, true = seen("point", robots, rng, MOST_POSES + 50)
     values = data.readings[0].values.copy()
     values[37] += 0.05
-    scene = Scene(as_measured(robot, data), true, replace(data, readings=(replace(data.readings[0], values=values),)))
-    assert 37 in key_frames(replace(scene, calibrated=as_measured(true, data))).rows
+    scene = drawn(robot, replace(data, readings=(replace(data.readings[0], values=values),)), true)
+    assert 37 in key_frames(scene).rows
 
 
 def test_one_session_is_shown(robots: dict[str, Robot], rng: np.random.Generator) -> None:
@@ -163,9 +168,9 @@ def test_balls_crosses_and_arrows_have_the_size_that_is_asked_for(rng: np.random
 def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Millimetres are drawn a few times longer, hundredths many times; what is asked for is done."""
     robot, data, true = seen("point", robots, rng)
-    before, after = view_of(robot, data).scene, view_of(robot, data, true).scene
+    before, after = drawn(robot, data), drawn(robot, data, true)
     assert before.target_magnification <= 20 < after.target_magnification
-    assert view_of(robot, data, magnify=3).scene.target_magnification == 3
+    assert replace(after, magnify=3).target_magnification == 3
 
 
 def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

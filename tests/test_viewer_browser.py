@@ -17,10 +17,13 @@ import pytest
 
 from tests.browser import Browser, Picture, find_browser
 from tests.helpers import ROBOTS
+from tests.sensor_cases import SensorCase, setup_of
 from tests.small_robot import URDF, robot_of
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.reading_simulation import simulate_readings
 from urdfcal.robot import Robot, robot_from
+from urdfcal.scene import frame_placements
 from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
 from urdfcal.viewer import View, view_of
@@ -321,6 +324,40 @@ def test_a_beam_that_misses_is_dashed(browser: Browser, tmp_path: Path) -> None:
     assert counts[0][2] < 10
     assert counts[1][0] + counts[1][1] == 0
     assert counts[1][2] > 60
+
+
+def test_targets_are_where_they_were_read(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
+    """Balls at the measured points and crosses at the predicted ones, by Pinocchio's frames; the pose's errors are the scene's."""
+    rng = np.random.default_rng(8)
+    setup = setup_of(SensorCase("ur5", ("pose:tool0",)), robots, rng)
+    data = simulate_readings(setup, 12, rng)
+    text = with_origins(setup.robot.description, setup.errors.corrected_origins(setup.x))
+    view = view_of(setup.robot, data, robot_from(replace(setup.robot.description, text=text)))
+    view.write_html(tmp_path / "targets.html")
+    browser.open(tmp_path / "targets.html")
+    assert complaints(browser) == []
+    scene, frames = view.scene, view.scene.solid.model.createData()
+    for row in scene.compared:
+        assert np.nanmax(row.phases[1]) < 1e-2
+    pin.framesForwardKinematics(scene.solid.model, frames, whole_configurations(scene.solid, data.q[:1])[0])
+    link = frames.oMf[scene.solid.model.getFrameId("tool0", pin.FrameType.BODY)]
+    q = whole_configurations(scene.solid, data.q)
+    on_link = link.actInv(frame_placements(scene.targets[1], q, data.q)[0].act(scene.marks[0].predicted[0]))
+    placed = []
+    for configuration in q:
+        pin.framesForwardKinematics(scene.solid.model, frames, configuration)
+        placed.append(frames.oMf[scene.solid.model.getFrameId("tool0", pin.FrameType.BODY)].act(on_link))
+    places = pixels(browser, np.array(placed))
+    browser.run("show('frame/pose', false); show('solid', false); show('nominal', false)")
+    for shown, colour in (("measured", MEASURED), ("calibrated", CALIBRATED)):
+        browser.run(f"for (const n of ['measured', 'nominal', 'calibrated', 'error']) show('frame/marks/' + n, n === '{shown}')")
+        off = distances_to_marks(coloured(browser.picture(), colour, 60), places)
+        assert np.median(off) < 2  # some lie behind one another, and are one mark then
+        assert np.sort(off)[-3] < 8
+    for pose in (0, 5):
+        browser.run(f"goTo({pose})")
+        said = [float(browser.run(f"document.getElementById('error-{row}-0').textContent")) for row in (0, 1)]
+        np.testing.assert_allclose(said, [row.phases[0][pose] for row in scene.compared], atol=0.01)
 
 
 @pytest.mark.parametrize("name", [*ROBOTS, "small"])

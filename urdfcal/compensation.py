@@ -34,7 +34,7 @@ from urdfcal.geometry import Matrix, Vector
 from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.instruments import Instruments, Target
 from urdfcal.robot import Robot, load_robot, robot_from
-from urdfcal.softness import Softness, Term
+from urdfcal.softness import Softness, Term, is_known
 
 _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would move
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
@@ -231,17 +231,16 @@ def load_compensation(path: str | Path, package_dirs: Sequence[str | Path] = ())
     try:
         urdf = path.parent / str(content["urdf"]["file"])
         expected = str(content["urdf"]["sha256"])
-        rig, gravity = content["rig"], content["gravity"]
-        direction = tuple(float(part) for part in gravity["direction"])
-        payloads = {str(link): float(mass) for link, mass in gravity["payloads_kg"].items()}
+        rig, gravity = dict(content["rig"]), content["gravity"]
+        _ = (rig["screen"], list(rig["lasers"])) if "lasers" in rig else (rig["reference"], list(rig["targets"]))
+        x, y, z = (_finite(part) for part in gravity["direction"])
+        payloads = {str(link): _finite(mass) for link, mass in gravity["payloads_kg"].items()}
         terms = [_read_term(entry) for entry in content["terms"]]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise CalibrationFileError(f"an entry is missing or not readable: {error}; write the file anew", path) from None
-    if len(direction) != 3:
-        raise CalibrationFileError("gravity.direction: expected three numbers", path)
     _require_pair(path, urdf, expected)
     robot = _robot_of(urdf, rig, path, package_dirs)
-    weighed = WeighedRobot(robot, Gravity(direction, payloads))
+    weighed = WeighedRobot(robot, Gravity((x, y, z), payloads))
     return _compensation(robot, weighed, terms, path)
 
 
@@ -250,6 +249,9 @@ def _compensation(robot: Robot, weighed: WeighedRobot, terms: Sequence[tuple[str
     unknown = [joint for joint, _, _, _ in terms if joint not in names]
     if unknown:
         raise CalibrationFileError(f"joint '{unknown[0]}' is not between the links of its rig; there are: {', '.join(names)}", path)
+    twice = [term.name for number, (_, term, _, _) in enumerate(terms) if term.name in [each.name for _, each, _, _ in terms[:number]]]
+    if twice:
+        raise CalibrationFileError(f"the term '{twice[0]}' is there twice", path)
     placed = tuple(replace(term, joint=names.index(joint)) for joint, term, _, _ in terms)
     softness = Softness(robot.chain, placed, weighed, robot.rig.module)
     values = {term.name: value for _, term, value, _ in terms}
@@ -258,9 +260,19 @@ def _compensation(robot: Robot, weighed: WeighedRobot, terms: Sequence[tuple[str
 
 def _read_term(entry: Any) -> tuple[str, Term, float, float]:
     axis = entry.get("axis")
-    x, y, z = (float(part) for part in axis) if axis is not None else (0.0, 0.0, 0.0)
-    term = Term(str(entry["name"]), -1, None if axis is None else (x, y, z), float(entry["prior_sigma"]), float(entry.get("largest", 0.0)))
-    return str(entry["joint"]), term, float(entry["value"]), float(entry["sigma"])
+    x, y, z = (_finite(part) for part in axis) if axis is not None else (0.0, 0.0, 0.0)
+    term = Term(
+        str(entry["name"]), -1, None if axis is None else (x, y, z), _finite(entry["prior_sigma"]), _finite(entry.get("largest", 0.0))
+    )
+    if not is_known(term):
+        raise ValueError(f"'{term.name}' is no term that this version knows")
+    return str(entry["joint"]), term, _finite(entry["value"]), _finite(entry["sigma"])
+
+
+def _finite(value: Any) -> float:
+    if isinstance(value, bool) or not np.isfinite(float(value)):
+        raise ValueError(f"{value} is no number")
+    return float(value)
 
 
 def _require_pair(path: Path, urdf: Path, expected: str) -> None:
@@ -280,9 +292,9 @@ def _require_pair(path: Path, urdf: Path, expected: str) -> None:
 def _robot_of(urdf: Path, rig: Mapping[str, Any], path: Path, package_dirs: Sequence[str | Path]) -> Robot:
     if "lasers" in rig:
         return load_robot(urdf, package_dirs=package_dirs, screen=str(rig["screen"]), lasers=[str(laser) for laser in rig["lasers"]])
-    targets = tuple(Target(str(link), str(link), True) for link in rig.get("targets", ()))
+    targets = tuple(Target(str(link), str(link), True) for link in rig["targets"])
     if not targets:
-        raise CalibrationFileError("rig: expected lasers, or a reference and targets", path)
+        raise CalibrationFileError("rig: expected at least one target", path)
     bare = load_robot(urdf, package_dirs=package_dirs)
     return bare.seen_by(Instruments(targets, str(rig["reference"]), True), ())
 

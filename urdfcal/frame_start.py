@@ -299,12 +299,14 @@ def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> Non
 
 
 def _require_a_return(data: Measurements) -> None:
-    """Refuse touches that say nothing: no socket is touched at two poses.
+    """Refuse measurements that say nothing: touches of sockets alone, and no socket is touched at two poses.
 
     Raises:
         UsageError: naming the first pose and its socket.
     """
-    touches = [(pose, str(each.labels[pose])) for each in data.readings if each.kind == "socket" for pose in np.flatnonzero(each.seen)]
+    if data.lasers or any(each.kind != "socket" for each in data.readings):
+        return
+    touches = [(pose, str(each.labels[pose])) for each in data.readings for pose in np.flatnonzero(each.seen)]
     if touches and len({label for _, label in touches}) == len(touches):
         pose, label = touches[0]
         raise UsageError(

@@ -27,7 +27,9 @@ _CARRIERS: dict[Kind, str] = {
     "reference": "the measuring frame",
     "mount": "the mount",
     "target": "the target's offset",
+    "place": "the places that are touched",
 }
+_PLACES = "places"
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
@@ -115,6 +117,7 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
         require_screen_slot(chain, rig)
     if "beams" in options.estimate or "beams4" in options.estimate:
         slots += beam_slots(chain, BEAMS4 if "beams4" in options.estimate else BEAMS)
+    _require_own_names(slots)
     screen_wanted = chain.screen_joint is not None or "screen" in options.estimate
     offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
     stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors), *_camera(rig)], options)
@@ -189,6 +192,12 @@ def _gauge(
         key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic)),
     )
     jacobian = full_pose_jacobian(chain, errors)
+    if automatic and _unplaced(
+        rig, free
+    ):  # places that were found from nothing stand for the placement of everything, as a measuring frame does
+        anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
+        offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
+        order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
     taken = set(independent_columns(jacobian, order))
     if not automatic:  # a model named explicitly keeps what is its own; only a screen asked for on top must add something
         taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
@@ -196,6 +205,12 @@ def _gauge(
     carried = _carriers(offered, jacobian, sorted(taken), left_out) if automatic else {}
     entered = {offered[column].name for column in taken} | ({parameter.name for parameter in free} - set(errors.names))
     return [parameter for parameter in free if parameter.name in entered], carried
+
+
+def _unplaced(rig: Rig, free: Sequence[Parameter]) -> bool:
+    """Whether all that targets meet are places of which nothing is known, so that the robot may stand anywhere among them."""
+    numbers = sum(len(place.names) for place in rig.instruments.places)
+    return not rig.lasers and not rig.instruments.placed and 0 < numbers == sum(parameter.kind == "place" for parameter in free)
 
 
 def _moves_module(rig: Rig, slot: Slot) -> bool:
@@ -275,6 +290,22 @@ def _stated(parameters: list[Parameter], options: ModelOptions) -> tuple[list[Pa
     if options.only:
         fixed |= set(named) - set().union(*(matching(parameters, pattern) for pattern in options.only))
     return list(named.values()), fixed
+
+
+def _require_own_names(slots: Sequence[Slot]) -> None:
+    """Refuse two placements whose parameters would have the same names, so that one would stand for both.
+
+    Raises:
+        RigError: naming the target or the reference, and the way out.
+    """
+    taken: dict[str, Slot] = {}
+    for slot in sorted((slot for slot in slots if slot.names), key=lambda slot: slot.frame is not None):
+        other = taken.setdefault(slot.label, slot)
+        if other is not slot:
+            way_out = f"give the target a label, '{slot.label}:NAME'" if slot.kind == "target" else "choose another link with --reference"
+            raise RigError(
+                f"'{slot.label}' is the name of a {other.kind} and of a {slot.kind}, whose parameters could not be told apart; {way_out}"
+            )
 
 
 def _check_joints(chain: Chain, per_joint: Mapping[str, str]) -> None:

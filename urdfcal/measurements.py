@@ -28,7 +28,9 @@ from urdfcal.reading_columns import (
     TargetColumn,
     blank_readings,
     figaroh_name,
+    lost_column,
     quaternions_of,
+    refusal,
     target_columns,
     written_columns,
 )
@@ -351,8 +353,18 @@ class _Reader:
         pixels = ("pixel", "sigma_px")
         self.columns = columns if self.camera is not None else tuple(column for column in columns if column.kind not in pixels)
         self.unused_pixels = tuple(column.name for column in columns if column not in self.columns)
+        self.refuse_header(line)
         self.choose_instruments()
         self.check_columns()
+
+    def refuse_header(self, line: int) -> None:
+        """Refuse columns of targets that cannot be taken as they are; where nothing at all is measured, say what comes nearest to it."""
+        spots = any(f"{laser}.{axis}" in self.index for laser in self.laser_candidates() for axis in "yz")
+        refused = refusal(self.columns, self.units)
+        if refused is None and not self.columns and not spots and not self.unused_pixels:
+            refused = lost_column(self.index, self.robot)
+        if refused is not None:
+            raise self.fail(line, *refused)
 
     def translated(self, line: int, header: list[str]) -> list[str]:
         """The header with figaroh's x1, y1 ... in our own names."""
@@ -512,6 +524,10 @@ class _Reader:
         if kind == "point":
             return np.column_stack([numbers.get(axis, np.full(len(lines), np.nan)) for axis in "xyz"])
         if kind == "distance":
+            below = numbers["distance"] < 0
+            if below.any():
+                found = f"{numbers['distance'][below][0]:g} m is below zero; expected a distance, or nothing"
+                raise self.fail(lines[int(np.argmax(below))], own["distance"].name, found)
             return numbers["distance"][:, None]
         if kind == "pixel":
             return self.pixel_pair(numbers, own, lines)

@@ -62,7 +62,7 @@ class Readings:
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """At which poses there is a reading, (n,)."""
-        return np.asarray(self.labels != "") if self.kind in ("plane", "socket") else ~np.isnan(self.values).all(axis=1)
+        return np.asarray(self.labels != "", dtype=bool) if self.kind in ("plane", "socket") else ~np.isnan(self.values).all(axis=1)
 
     @property
     def numbers(self) -> int:

@@ -169,10 +169,11 @@ class _Fitted:
 
     @property
     def bends(self) -> float:
-        """How surely the joints bend the way that gravity pulls them: sum of deflections over the root of their variances, [sigmas]."""
-        own = [self.errors.names.index(term.name) for term in self.terms if term.axis is None and term.largest]
+        """How surely the joints bend the way that gravity pulls them: weighted sum of deflections over its standard deviation, [sigmas]."""
+        own = [self.errors.names.index(term.name) for term in self.terms if term.largest]
         P = self.estimate.belief.P[np.ix_(own, own)]
-        return float(self.estimate.belief.x[own].sum() / np.sqrt(P.sum())) if own else 0.0
+        weights = 1 / np.diag(P)
+        return float(weights @ self.estimate.belief.x[own] / np.sqrt(weights @ P @ weights)) if own else 0.0
 
 
 class _Setup:

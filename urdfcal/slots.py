@@ -104,7 +104,8 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
 def frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
     """The placement of the measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
-    slots = [Slot(seen.reference, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
+    own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
+    slots = [Slot(own, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
     for index, target in enumerate(seen.targets, start=1):
         count = 6 if target.whole else 3
         slots.append(Slot(target.name, "target", SIX[:count], six_screws()[:, :count], None, frame=index))

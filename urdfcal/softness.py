@@ -171,6 +171,14 @@ def extra_terms(chain: Chain, wanted: Sequence[str]) -> tuple[Term, ...]:
     return tuple(terms)
 
 
+def is_known(term: Term) -> bool:
+    """Whether a term's name says what it is multiplied by: gravity's have a largest moment, and those across an axis of their own."""
+    what = term.name.rpartition(".")[2]
+    if what in ("sag", "sag_1", "sag_2"):
+        return term.largest > 0 and (term.axis is None) == (what == "sag")
+    return not term.largest and term.axis is None and what in ("scale", "approach", *_HARMONICS)
+
+
 def across(axis: Vector) -> tuple[Axis, Axis]:
     """Two unit vectors perpendicular to an axis and to each other."""
     least = np.eye(3)[int(np.argmin(np.abs(axis)))]

@@ -166,7 +166,8 @@ def _explained(model: SpotModel, noise: Noise) -> bool:
         return False
     usual = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in errors.parameters])
     variance = np.sum((here.jacobian * np.minimum(errors.sigma, usual)) ** 2, axis=-1) + noise.spot_sigma**2
-    share = (np.abs(here.residual) / np.sqrt(variance)).reshape(*model.data.seen.shape, 2).max(axis=-1)
+    poses, lasers = model.data.seen.shape
+    share = (np.abs(here.residual) / np.sqrt(variance))[:poses, : 2 * lasers].reshape(poses, lasers, 2).max(axis=-1)
     return all(np.median(share[seen, laser]) < _EXPLAINED for laser, seen in enumerate(model.data.seen.T) if seen.any())
 
 
