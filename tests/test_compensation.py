@@ -45,7 +45,9 @@ def arm(name: str, robots: dict[str, Robot]) -> Robot:
     return robot_of(MIMIC) if name == "mimic" else robots[name]
 
 
-def soft_arm(name: str, robots: dict[str, Robot], rng: np.random.Generator, mrad: float = 1.0, extras: tuple[str, ...] = ()) -> Compensation:
+def soft_arm(
+    name: str, robots: dict[str, Robot], rng: np.random.Generator, mrad: float = 1.0, extras: tuple[str, ...] = ()
+) -> Compensation:
     """A robot whose joints bend by about so much, as if it had been calibrated so."""
     robot = arm(name, robots)
     weighed = WeighedRobot(robot, OBLIQUE)
@@ -95,7 +97,7 @@ def wrists_free(compensation: Compensation, q: Matrix) -> Matrix:
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "tiago", "arm7", "reference carried"])
 def test_the_rigid_model_is_where_the_bent_arm_is(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """Corrected positions put the rigid model on the soft one to second order: halving the sag quarters what is off, away from singularities."""
+    """Corrected positions put the rigid model within a twentieth of the sag of the soft one, however large it is, off singularities."""
     left = []
     for scale in (2.0, 1.0):
         compensation = soft_arm(name, robots, np.random.default_rng(5), scale)
@@ -104,8 +106,7 @@ def test_the_rigid_model_is_where_the_bent_arm_is(name: str, robots: dict[str, R
         before = np.linalg.norm(tips(compensation.robot, q) - there, axis=1).mean()
         after = np.linalg.norm(tips(compensation.robot, compensation.corrected_configuration(q)) - there, axis=1).mean()
         left.append(after / before)
-    assert left[0] < 0.06
-    assert left[1] < 0.06
+    assert max(left) < 0.05
 
 
 @pytest.mark.parametrize("name", ["panda", "mimic", "reference carried", "hand sees hand"])

@@ -16,7 +16,8 @@ from tests.small_robot import URDF, robot_of
 from urdfcal.calibration import Calibration, fit
 from urdfcal.errors import UsageError
 from urdfcal.fit_result import FitResult
-from urdfcal.measurements import measurements_from, read_measurements
+from urdfcal.measurement_file import read_measurements
+from urdfcal.measurements import measurements_from
 from urdfcal.report_content import report_of
 from urdfcal.report_files import write_report
 from urdfcal.residuals import residuals_of, spread, suspects

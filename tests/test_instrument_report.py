@@ -174,7 +174,7 @@ def test_more_range_of_a_stiff_joint_is_suggested(robots: dict[str, Robot]) -> N
 
 def test_real_measurements_of_sockets_are_summarised(example_robots: Path) -> None:
     """The report of 387 touches of 12 sockets lists 12 places and 6 known lengths, and its JSON holds them all."""
-    from urdfcal.measurements import read_measurements
+    from urdfcal.measurement_file import read_measurements
     from urdfcal.robot import load_robot
 
     folder = Path(__file__).parents[2] / "shared" / "data" / "panda_sockets"

@@ -10,7 +10,8 @@ import pytest
 
 from tests.small_robot import URDF, robot_of
 from urdfcal.errors import MeasurementError, ShapeMismatch
-from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
+from urdfcal.measurement_file import read_measurements, write_measurements
+from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.robot import Robot, robot_from
 
 HEAD = "turn,lift,slide,laser_1.y,laser_1.z,laser_2.y,laser_2.z"

@@ -123,7 +123,7 @@ def test_bench_to_prior_to_fit(
 
     (tmp_path / "errors.yaml").write_text("estimate: [beams]\nparameters:\n" + "".join(f"  {n}: {v}\n" for n, v in truth.items()))
     from urdfcal.gauge import ModelOptions
-    from urdfcal.measurements import write_measurements
+    from urdfcal.measurement_file import write_measurements
     from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
 
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=("beams",)))

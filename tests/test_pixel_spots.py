@@ -13,7 +13,8 @@ import pytest
 from urdfcal.calibration import fit
 from urdfcal.errors import MeasurementError, UsageError
 from urdfcal.gauge import build_error_model
-from urdfcal.measurements import Measurements, measurements_csv, measurements_from, read_measurements
+from urdfcal.measurement_file import measurements_csv, read_measurements
+from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots
 from urdfcal.readings import Readings
 from urdfcal.robot import Robot

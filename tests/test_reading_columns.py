@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from tests.conftest import CliResult
 from tests.sensor_cases import CASES, NOISE, robot_named, setup_of
 from tests.small_robot import URDF, robot_of
-from urdfcal.measurements import Measurements, read_measurements, write_measurements
+from urdfcal.measurement_file import read_measurements, write_measurements
+from urdfcal.measurements import Measurements
 from urdfcal.reading_columns import figaroh_name, lost_column, quaternions_of, refusal, target_columns
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.robot import Robot

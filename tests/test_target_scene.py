@@ -17,7 +17,8 @@ from tests.sensor_cases import CASES, SINGLE, setup_of
 from urdfcal.evaluation import as_measured, evaluate
 from urdfcal.geometry import MM, Matrix
 from urdfcal.key_frames import MOST_POSES, key_frames
-from urdfcal.measurements import Measurements, write_measurements
+from urdfcal.measurement_file import write_measurements
+from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import ReadingNoise, simulate_readings
 from urdfcal.robot import Robot, robot_from
 from urdfcal.scene import Scene, frame_placements

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from urdfcal.evaluation import evaluate
     from urdfcal.gauge import ModelOptions
     from urdfcal.gravity import Gravity
-    from urdfcal.measurements import Measurements, measurements_from, read_measurements, write_measurements
+    from urdfcal.measurement_file import read_measurements, write_measurements
+    from urdfcal.measurements import Measurements, measurements_from
     from urdfcal.online import OnlineCalibrator
     from urdfcal.robot import Robot, load_robot
     from urdfcal.sag import fit_sag
@@ -44,8 +45,8 @@ _HOME = {
     "load_compensation": "compensation",
     "Measurements": "measurements",
     "measurements_from": "measurements",
-    "read_measurements": "measurements",
-    "write_measurements": "measurements",
+    "read_measurements": "measurement_file",
+    "write_measurements": "measurement_file",
     "Robot": "robot",
     "load_robot": "robot",
 }

@@ -62,7 +62,8 @@ class Readings:
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """At which poses there is a reading, (n,)."""
-        return np.asarray(self.labels != "", dtype=bool) if self.kind in ("plane", "socket") else ~np.isnan(self.values).all(axis=1)
+        touched: npt.NDArray[np.bool_] = np.asarray(self.labels != "", dtype=bool)
+        return touched if self.kind in ("plane", "socket") else ~np.asarray(np.isnan(self.values).all(axis=1), dtype=bool)
 
     @property
     def numbers(self) -> int:

@@ -3,7 +3,7 @@
     python tests/benchmarks/sag.py truth|none|real|cost [--seeds N] [--data DIR] [--set NAME ...]
 
 truth   simulated arms that sag: share of the 95 % intervals of the soft parameters that hold the truth, what is left of their error, and
-        held-out RMS with and without sag.
+        held-out RMS with and without sag; median gain of log evidence, and the share of arms whose report speaks of sag for it.
 none    the same arms, rigid: by how much sag makes the held-out error larger.
 real    held-out RMS on the four real robots of `real_robots.py`, nominal, geometry alone (what the URDF carries) and the pair of URDF and
         compensation. Random splits by number of training poses, and the repeatable ones. `reference` is that of their README.
@@ -45,6 +45,7 @@ from urdfcal.simulation import draw_poses, random_truth, simulate
 from urdfcal.spot_model import SpotModel
 
 MRAD = 1e-3
+WORTH_IT = 3.0  # of log evidence, under which the report says that sag is not worth a compensation
 TRAIN, TEST = 60, 300
 NOISE = ReadingNoise(spot=0.1 * MM, length=0.1 * MM, angle=0.02 * DEG)
 ARMS = {"panda": "panda_link8", "ur10": "tool0", "tiago": "arm_tool_link"}
@@ -104,12 +105,12 @@ def fitted(robot: urdfcal.Robot, train: urdfcal.Measurements, test: urdfcal.Meas
 
 def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[str]:
     """A line for each arm and sensor."""
-    yield f"{'arm':<8}{'sensor':<8}{'held-out ratio':>16}{'worst':>8}{'95 % hold':>11}{'own':>7}{'across':>8}{'error left':>12}"
+    yield f"{'arm':<8}{'sensor':<8}{'held-out ratio':>16}{'worst':>8}{'95 % hold':>11}{'own':>7}{'across':>8}{'error left':>12}{'gain':>8}{'told':>6}"
     for arm in arms:
         for sensor in SENSORS:
             if arm == "ur10" and sensor == "laser":
                 continue
-            ratios, inside, left = [], defaultdict(list), []
+            ratios, gains, inside, left = [], [], defaultdict(list), []
             for seed in range(seeds):
                 case = simulated(arm, sensor, scales, seed)
                 calibration, sag = fitted(case.robot, case.train, case.test)
@@ -117,6 +118,7 @@ def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[
                 assert calibration.test is not None
                 assert calibration.test_data is not None
                 ratios.append(held_out(calibration, sag, calibration.test_data) / rms_mm(calibration.test[1]))
+                gains.append(sag.gain)
                 largest = {term.name: term.largest for term in sag.softness.terms}
                 for name, (value, moment) in case.truth.items():
                     if name in largest:
@@ -130,6 +132,7 @@ def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[
             yield (
                 f"{arm:<8}{sensor:<8}{np.exp(np.mean(np.log(ratios))):>16.3f}{max(ratios):>8.3f}"
                 f"{shares[0]:>11}{shares[1]:>7}{shares[2]:>8}{error:>12}"
+                f"{np.median(gains):>8.1f}{np.mean(np.array(gains) > WORTH_IT):>6.2f}"
             )
 
 

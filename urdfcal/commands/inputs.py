@@ -68,7 +68,7 @@ def measured(
     from dataclasses import replace
 
     from urdfcal.evaluation import as_measured
-    from urdfcal.measurements import read_measurements
+    from urdfcal.measurement_file import read_measurements
     from urdfcal.readings import known_lengths
 
     reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)

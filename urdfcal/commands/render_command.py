@@ -123,7 +123,7 @@ def render(
 
 def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
     """Spots and directions: those of the file where it has any, else the robot's."""
-    from urdfcal.measurements import read_measurements
+    from urdfcal.measurement_file import read_measurements
     from urdfcal.vision.csv_table import read_csv_table
     from urdfcal.vision.rendering import Beams, nominal_beams
     from urdfcal.vision.spot_table import joint_positions

@@ -52,10 +52,14 @@ def simulate(
     ] = "2mm,0.2deg",
     sag_mrad: Annotated[
         float,
-        typer.Option(help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled."),
+        typer.Option(
+            help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled."
+        ),
     ] = 0.0,
     sag_across_mrad: Annotated[float, typer.Option(help="The same about the two axes across it, in mrad.")] = 0.0,
-    eccentricity_mrad: Annotated[float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")] = 0.0,
+    eccentricity_mrad: Annotated[
+        float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")
+    ] = 0.0,
     gravity: GravityOption = None,
     payload: Payloads = None,
     screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
@@ -94,7 +98,7 @@ def simulate(
     from urdfcal.corrections import OriginCorrection
     from urdfcal.error_model import INSTRUMENTS
     from urdfcal.files import write_together
-    from urdfcal.measurements import measurements_csv
+    from urdfcal.measurement_file import measurements_csv
     from urdfcal.reading_simulation import reading_noise, simulate_readings
     from urdfcal.sag_simulation import sag_bytes, sag_scales, soft_truth
     from urdfcal.simulated_setup import parse_sensors, seen_with, simulated_setup
