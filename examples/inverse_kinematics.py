@@ -1,10 +1,13 @@
 """Inverse kinematics with the nominal and with the calibrated model: how far from its targets does the true robot end?
 
-    python examples/inverse_kinematics.py robots/panda/panda.urdf.xacro
+    python examples/inverse_kinematics.py robots/panda/panda.urdf.xacro [--sag-mrad 1]
 
 No robot is measured here: the true robot is the URDF with random errors in six directions of every joint, of the module's mount and
 of the screen, and so are its laser spots. It is calibrated from them; then a controller is given poses of the module in the frame of
 the screen, solves for the joints with each model in turn, and the joints are put on the true robot.
+
+With `--sag-mrad` the true robot also sags under gravity. Then there is a third way: the model of the joint fit of geometry and sag, whose
+joints go through `compensation.command` before they are put on the robot.
 
 The solver is the closed loop of Pinocchio's own example (CLIK); `--solver pink` takes pink, if it is installed.
 """
@@ -22,7 +25,11 @@ import numpy.typing as npt
 import pinocchio as pin
 
 import urdfcal
+from urdfcal.compensation import Compensation
 from urdfcal.corrections import OriginCorrection, corrected_model
+from urdfcal.error_model import ErrorModel
+from urdfcal.sag import fit_sag
+from urdfcal.sag_simulation import SagScales, soft_truth
 from urdfcal.simulation import draw_poses, noise_from, random_truth, simulate
 
 Vector = npt.NDArray[np.float64]
@@ -57,6 +64,10 @@ class Arm:
         pin.framesForwardKinematics(self.model, data, pin.neutral(self.model))
         return data.oMf[self.base]
 
+    def readings(self, robot: urdfcal.Robot, q: Vector) -> Vector:
+        """Positions of the measured joints in their order on the way, (inputs,)."""
+        return np.array([q[self.model.joints[self.model.getJointId(name)].idx_q] for name in robot.chain.input_names])
+
     def inside(self, q: Vector) -> Vector:
         """The nearest joint positions within the limits."""
         return np.clip(q, self.model.lowerPositionLimit, self.model.upperPositionLimit)
@@ -65,6 +76,39 @@ class Arm:
         """Random joint positions, a little within the limits."""
         lower, upper = self.model.lowerPositionLimit, self.model.upperPositionLimit
         return rng.uniform(lower + MARGIN * (upper - lower), upper - MARGIN * (upper - lower))
+
+
+class SoftArm:
+    """The true robot where it sags: its joints give way, each about its own axis and across, at the end of its motion."""
+
+    def __init__(self, robot: urdfcal.Robot, rigid: Arm, errors: ErrorModel, x: Vector) -> None:
+        """Build the way from the screen to the module, with a joint for every axis that bends."""
+        assert errors.soft is not None
+        self.robot, self.rigid, self.softness = robot, rigid, errors.soft
+        self.values = np.array([x[errors.names.index(term.name)] for term in errors.soft.terms])
+        self.model, self.layout = robot.chain.new_model(errors.soft.bends)
+        placed = errors.placements(x)
+        for joint, placement in zip(self.layout.first, placed.joints, strict=True):
+            self.model.jointPlacements[joint] = placement
+        self.module = placed.module
+
+    def T_screen_module(self, q: Vector) -> Any:
+        """Where the module stands at joint readings q."""
+        chain, positions = self.robot.chain, np.zeros(self.model.nq)
+        positions[np.array(self.layout.motion) - 1] = q @ chain.coupling + chain.offset
+        angles = self.softness.basis(q[None])[0] * self.values
+        for term, bend, angle in zip(self.softness.terms, self.softness.bend_of, angles, strict=True):
+            joint = self.layout.motion[term.joint] if bend < 0 else self.layout.bends[bend]
+            positions[joint - 1] += angle if chain.moving[term.joint].forward else -angle
+        data = self.model.createData()
+        pin.forwardKinematics(self.model, data, positions)
+        return data.oMi[self.layout.last[-1]] * self.module
+
+    def T_base_tool(self, q: Vector) -> Any:
+        """Where a tool that is fixed to the module stands."""
+        rigid = Arm(self.rigid.model, self.rigid.base, self.rigid.model.getFrameId(self.robot.rig.module))
+        T_module_tool = rigid.T_base_tool(q).actInv(self.rigid.T_base_tool(q))
+        return self.T_screen_module(self.rigid.readings(self.robot, q)) * T_module_tool
 
 
 Solver = Callable[[Arm, Any, Vector], Vector | None]
@@ -161,12 +205,15 @@ def study(
     errors_mm: float = 2.0,
     errors_deg: float = 0.2,
     noise_mm: float = 0.5,
+    sag_mrad: float = 0.0,
     tool: str | None = None,
     solver: Solver = clik,
 ) -> Study:
-    """Make a true robot, measure and calibrate it, and drive it to targets with either model."""
+    """Make a true robot, measure and calibrate it, and drive it to targets with each model."""
     tool = tool or robot.rig.module
     model, x = random_truth(robot, rng, errors_mm * MM, np.radians(errors_deg))
+    if sag_mrad:
+        model, x = soft_truth(robot, model, x, SagScales(sag_mrad * MRAD, sag_mrad * MRAD / 2), rng)
     data = simulate(robot, model, x, draw_poses(robot, model, x, poses, rng), rng, noise_from(noise_mm, 0.0, "gaussian"))
     complete = () if robot.chain.screen_joint else ("screen",)  # an arm that stands on the screen itself lacks its yaw by default
     calibration = urdfcal.fit(robot, data, estimate=complete)
@@ -174,7 +221,11 @@ def study(
     joints = robot.tree.joints
     truth = {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()}
     true = arm_of(robot, corrected_model(robot.model, truth), tool)
+    stands = SoftArm(robot, true, model, x).T_base_tool if sag_mrad else true.T_base_tool
     arms = {"nominal": arm_of(robot, robot.model, tool), "calibrated": arm_of(robot, calibration.apply_to(robot.model), tool)}
+    compensation = joint_fit(calibration) if sag_mrad else None
+    if compensation is not None:
+        arms["with sag"] = arm_of(robot, compensation.model, tool)
     found: dict[str, list[Vector]] = {name: [] for name in arms}
     passed_over = 0
     for T_screen_target in targets(true, rng):
@@ -184,11 +235,28 @@ def study(
             passed_over += 1
             continue
         for name, q in zip(arms, solved, strict=True):
-            off = T_screen_target.actInv(true.T_base_tool(q))
+            if name == "with sag" and compensation is not None:
+                q = commanded(compensation, arms[name], q)
+            off = T_screen_target.actInv(stands(q))
             found[name].append(np.array([np.linalg.norm(off.translation) / MM, np.linalg.norm(pin.log3(off.rotation)) / MRAD]))
         if len(found["nominal"]) == count:
             break
     return Study(calibration, {name: np.array(errors) for name, errors in found.items()}, passed_over)
+
+
+def joint_fit(calibration: urdfcal.Calibration) -> Compensation:
+    """Geometry and sag together; `urdfcal fit --compensation FILE.yaml` writes the same, `urdfcal.load_compensation` reads it."""
+    sag = fit_sag(calibration, folds=0)
+    assert sag is not None, "gravity bends every one of these arms"
+    return sag.compensation()
+
+
+def commanded(compensation: Compensation, arm: Arm, q: Vector) -> Vector:
+    """What to command for a solution of the calibrated model, joints in the model's order."""
+    command, commands = q.copy(), compensation.command(arm.readings(compensation.robot, q))
+    for name, position in zip(compensation.joints, commands, strict=True):
+        command[arm.model.joints[arm.model.getJointId(name)].idx_q] = position
+    return command
 
 
 def main() -> None:
@@ -201,6 +269,7 @@ def main() -> None:
     parser.add_argument("--errors-mm", type=float, default=2.0, help="sigma of the true errors in mm (default 2)")
     parser.add_argument("--errors-deg", type=float, default=0.2, help="sigma of the true errors in deg (default 0.2)")
     parser.add_argument("--noise-mm", type=float, default=0.5, help="sigma of a spot coordinate in mm (default 0.5)")
+    parser.add_argument("--sag-mrad", type=float, default=0.0, help="sigma of each joint's sag at its largest moment in mrad (default 0)")
     parser.add_argument("--tool", help="link that is driven to the targets (default: the laser module)")
     parser.add_argument("--solver", choices=SOLVERS, default="clik", help="inverse kinematics (default clik)")
     parser.add_argument("--seed", type=int, default=0, help="seed of everything random (default 0)")
@@ -215,10 +284,12 @@ def main() -> None:
             errors_mm=given.errors_mm,
             errors_deg=given.errors_deg,
             noise_mm=given.noise_mm,
+            sag_mrad=given.sag_mrad,
             tool=given.tool,
             solver=SOLVERS[given.solver],
         )
         about = f"errors {given.errors_mm:g} mm and {given.errors_deg:g} deg, {given.poses} poses, spot noise {given.noise_mm:g} mm"
+        about += f", sag {given.sag_mrad:g} mrad" if given.sag_mrad else ""
         print(f"{robot.name}, simulated ({about}): the true robot at {given.targets} targets")
         print("\n".join(found.rows()))
         print(f"{found.passed_over} more targets were passed over: one of the models cannot reach them within the joints' limits\n")

@@ -17,8 +17,12 @@ from tests.helpers import assert_poses_close
 from tests.small_robot import URDF, robot_of
 from tests.test_urdf_writer import random_corrections
 from urdfcal.corrections import OriginCorrection, corrected_model, corrected_models
+from urdfcal.error_model import ErrorModel
 from urdfcal.errors import CalibrationFileError, RobotError
+from urdfcal.geometry import Vector
 from urdfcal.robot import Robot, robot_from
+from urdfcal.sag_simulation import SagScales, soft_truth
+from urdfcal.simulation import draw_poses, random_truth, true_spots
 from urdfcal.urdf_writer import with_origins
 
 NAMES = ("arm7", "panda", "ur5", "tiago")
@@ -258,6 +262,43 @@ def test_the_true_robot_comes_nearer_to_its_targets(name: str, example: Any, rob
     assert calibrated[:, 0].mean() < nominal[:, 0].mean() / 10
     assert calibrated[:, 0].max() < nominal[:, 0].min()
     assert calibrated[:, 1].max() < nominal[:, 1].min()
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_sag_in_the_command_brings_the_true_robot_nearer(
+    name: str, example: Any, robots: dict[str, Robot], rng: np.random.Generator
+) -> None:
+    """Where the simulated true robot sags, geometry alone leaves more than twice the distance that URDF and compensation leave."""
+    study = example.study(robots[name], rng, count=10, noise_mm=0.1, sag_mrad=2.0, poses=100)
+    nominal, calibrated, sagging = (study.errors[each][:, 0] for each in ("nominal", "calibrated", "with sag"))
+    assert calibrated.mean() < nominal.mean() / 3
+    assert sagging.mean() < calibrated.mean() / 2
+
+
+def test_the_sagging_robot_is_the_one_that_was_measured(example: Any, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """The example's own kinematics of a robot that bends, and the error model's spots, put the beams on the same places."""
+    robot = robots["panda"]
+    errors, x = random_truth(robot, rng, 2e-3, 2e-3)
+    errors, x = soft_truth(robot, errors, x, SagScales(0.02, 0.02), rng)
+    q = draw_poses(robot, errors, x, 5, rng)
+    spots = true_spots(robot, errors, x, q)
+    rigid = example.arm_of(robot, corrected_of(robot, errors, x), "slm")
+    soft = example.SoftArm(robot, rigid, errors, x)
+    for pose in range(5):
+        T = soft.T_base_tool(q[pose])
+        for laser in range(2):
+            joint = robot.chain.laser_joints[laser][0]
+            beam = T * joint.origin
+            length = -beam.translation[0] / beam.rotation[0, 2]
+            np.testing.assert_allclose((beam.translation + length * beam.rotation[:, 2])[1:], spots[pose, laser], atol=1e-9)
+
+
+def corrected_of(robot: Robot, errors: ErrorModel, x: Vector) -> Any:
+    joints = robot.tree.joints
+    return corrected_model(
+        robot.model,
+        {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in errors.corrected_origins(x).items()},
+    )
 
 
 def test_a_perfect_robot_is_on_its_targets(example: Any, robots: dict[str, Robot], rng: np.random.Generator) -> None:

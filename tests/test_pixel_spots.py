@@ -12,13 +12,16 @@ import pytest
 
 from urdfcal.calibration import fit
 from urdfcal.errors import MeasurementError, UsageError
+from urdfcal.frame_start import _nominal
 from urdfcal.gauge import build_error_model
+from urdfcal.instruments import Grid
 from urdfcal.measurement_file import measurements_csv, read_measurements
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots
 from urdfcal.readings import Readings
 from urdfcal.robot import Robot
 from urdfcal.simulation import draw_poses, true_spots
+from urdfcal.slots import SIX
 from urdfcal.spot_model import SpotModel
 from urdfcal.vision.camera_file import camera_yaml
 from urdfcal.vision.camera_model import Camera
@@ -136,3 +139,38 @@ def test_a_target_in_pictures_calibrates_the_arm(robots: dict[str, Robot], camer
     assert found.converged
     assert found.test is not None
     assert found.test[1][f"{target} pixels"].mean < 4 * NOISE_PX < found.test[0][f"{target} pixels"].mean
+
+
+@pytest.mark.parametrize("carried", [False, True], ids=["camera fixed", "camera carried"])
+def test_a_board_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator, carried: bool) -> None:
+    """Corners of one board, on the hand before a fixed camera or the other way round, share one placement that is found from nothing."""
+    robot, n, grid = robots["ur5"], 60, Grid(4, 3, 0.03)
+    board, reference = ("base_link", "slm") if carried else ("slm", "base_link")
+    blank, none = np.full(n, ""), np.full(n, np.nan)
+    q = np.array([0.0, -1.2, 1.4, -1.8, -1.5, 0.3]) + rng.uniform(-0.35, 0.35, (n, 6))
+    bare = replace(measurements_from(robot, q, np.full((n, 2, 2), np.nan)), lasers=(), spots=np.empty((n, 0, 2)), sigma=np.empty((n, 0)))
+    points = tuple(Readings("pixel", f"{board}:{k}", board, np.full((n, 2), 1.0), blank, none) for k in range(grid.corners))
+    data = replace(bare, readings=points, camera=camera, boards={board: grid}, reference=reference)
+    seen = robot.seen_by(data.instruments, ())
+    order = [bare.joints.index(name) for name in seen.chain.input_names]  # the way starts at the camera
+    q, data = q[:, order], replace(data, joints=seen.chain.input_names, q=q[:, order])
+    errors = build_error_model(seen.chain, seen.rig)
+    joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
+    x = np.where(joints, rng.normal(0, 1, len(joints)) * np.where(np.array(errors.units) == "m", 1e-3, 2e-3), 0.0)
+    R, b = _nominal(errors, q[:1], f"{board}:0", "")
+    offset = pin.SE3(pin.exp3(np.array([0.2, -0.1, 0.3])), np.array([0.05, 0.02, 0.04]))
+    ahead = pin.SE3(pin.exp3(np.array([0.3, 0.2, 0.1])), np.array([0.0, 0.0, 0.9]))  # the board before the camera at the first pose
+    frames = {"target": offset, "reference": pin.SE3(R[0], b[0]) * offset * ahead.inverse()}
+    slots = tuple(replace(slot, found={"": frames[slot.kind]}) if slot.frame is not None else slot for slot in errors.slots)
+    true = replace(errors, slots=slots)
+    pixels = 1.0 - SpotModel(true, data).linearise(x).residual
+    pixels = pixels + rng.normal(0, NOISE_PX, pixels.shape)
+    read = tuple(replace(each, values=pixels[:, 2 * k : 2 * k + 2]) for k, each in enumerate(points))
+    half = np.arange(n) < n // 2
+    whole = replace(data, readings=read)
+    found = fit(robot, whole.subset(half), test=whole.subset(~half))
+    assert found.converged
+    assert [name for name in found.errors.names if name.startswith(f"{board}.")] == [f"{board}.{name}" for name in SIX]
+    assert found.test is not None
+    before, after = (table[f"{board} pixels"].mean for table in found.test)
+    assert after < min(1.6 * NOISE_PX, 0.8 * before)

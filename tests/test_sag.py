@@ -94,9 +94,7 @@ def test_a_rigid_arm_loses_nothing(robots: dict[str, Robot]) -> None:
     assert "so little that it is not worth a compensation" in as_text(sag_blocks(sag))
 
 
-def test_deflections_are_told_as_they_are(
-    soft_panda: tuple[Calibration, Measurements, dict[str, float]], sagging: SagFit
-) -> None:
+def test_deflections_are_told_as_they_are(soft_panda: tuple[Calibration, Measurements, dict[str, float]], sagging: SagFit) -> None:
     """The largest deflection of each joint is that of the compensation, and its millimetres those of the joint bent alone."""
     told = {each.joint: each for each in deflections(sagging)}
     terms, data = sagging.softness.terms, sagging.calibration.data
@@ -151,7 +149,9 @@ def test_a_hanging_robot_bends_the_other_way(robots: dict[str, Robot]) -> None:
     )
 
 
-def test_terms_on_request_earn_their_place(robots: dict[str, Robot], soft_panda: tuple[Calibration, Measurements, dict[str, float]]) -> None:
+def test_terms_on_request_earn_their_place(
+    robots: dict[str, Robot], soft_panda: tuple[Calibration, Measurements, dict[str, float]]
+) -> None:
     """Eccentric joints are found and help; the same terms are left out where the truth has none, and so are scale and approach."""
     calibration, test, _ = measured(robots["panda"], replace(SOFT, eccentricity=2e-3))
     plain, sag = (fit_sag(calibration, folds=0, compare_directions=False, extras=extras) for extras in ((), ("eccentricity", "scale")))

@@ -20,7 +20,7 @@ from urdfcal.key_frames import MOST_POSES, key_frames
 from urdfcal.measurement_file import write_measurements
 from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import ReadingNoise, simulate_readings
-from urdfcal.robot import Robot, robot_from
+from urdfcal.robot import Robot, load_robot, robot_from
 from urdfcal.scene import Scene, frame_placements
 from urdfcal.target_marks import arrows, balls, crosses
 from urdfcal.target_scene import Mark
@@ -152,6 +152,13 @@ def test_the_robots_base_is_drawn(robots: dict[str, Robot], rng: np.random.Gener
     assert "panda_link0" in view_of(panda, points).shapes.links
 
 
+def test_a_screen_that_is_not_used_is_not_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A robot that carries a screen, measured without lasers: its sheet would hide the targets."""
+    robot, data, _ = seen("point", robots, rng, 5)
+    assert "screen" in robot.tree.links
+    assert "screen" not in view_of(robot, data).shapes.links
+
+
 def test_balls_crosses_and_arrows_have_the_size_that_is_asked_for(rng: np.random.Generator) -> None:
     """Balls lie on their spheres, crosses reach out of them, arrows end at their tips."""
     centres = rng.normal(0, 1, (5, 3))
@@ -189,3 +196,35 @@ def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.ra
     refused = run_cli("view", "ur5.urdf", "m.csv", "--html", "w.html", "--reference", "nowhere")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert not (tmp_path / "w.html").exists()
+
+
+def test_a_robot_that_nothing_measures_is_shown_alone(example_robots: Path) -> None:
+    """A URDF without lasers and without measurements: one pose within the limits, and the robot."""
+    robot = load_robot(example_robots / "panda_description" / "urdf" / "panda.urdf")
+    view = view_of(robot)
+    assert (len(view.scene.data), view.scene.compared, view.scene.marks) == (1, (), ())
+    assert "panda_link0" in view.shapes.links
+    assert "1 pose, nothing measured" in view.html
+    assert "screen" not in re.findall(r'data-paths="([^"]*)"', view.html)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("folder", "description"),
+    [
+        ("ur10_leica", "ur_description/urdf/ur10_robot.urdf"),
+        ("fr3_camera_board", "panda_description/urdf/panda.urdf"),
+        ("talos_left_arm", "talos_data/robots/talos_reduced.urdf"),
+        ("panda_sockets", "panda_description/urdf/panda.urdf"),
+    ],
+)
+def test_real_measurements_are_shown_by_one_command(run_cli, folder: str, description: str, example_robots: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Without a calibration the measuring frame is placed where it suits the URDF best; the page stays within a few megabytes."""
+    data = Path(__file__).parents[2] / "shared" / "data" / folder / "measurements.csv"
+    if not data.exists():
+        pytest.skip(f"no ../shared/data/{folder}: real measurements are not part of this project, see robots/README.md")
+    done = run_cli("view", example_robots / description, data, "--html", "v.html", "-q")
+    assert (done.code, done.err) == (0, "")
+    assert (tmp_path / "v.html").stat().st_size < 8e6
+    means = [float(mean) for mean in re.findall(r"<td>([\d.]+)</td>", (tmp_path / "v.html").read_text())]
+    assert all(0 < mean < 6 for mean in means)

@@ -66,11 +66,13 @@ class ChainFrame:
         name: Of the target, or of the reference link.
         depth: How many moving joints of the way have been passed when its body is reached.
         steps: Joints from behind the last motion to its link; the first one may be the moving joint, walked against its direction.
+        at: Where it is on what is placed on the link: a corner on its board, [m].
     """
 
     name: str
     depth: int
     steps: tuple[Step, ...]
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -191,8 +193,9 @@ def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFr
         link = step.joint.child if step.forward else step.joint.parent
         bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
     instruments = rig.instruments
-    named = [(instruments.reference, instruments.reference), *((target.name, target.link) for target in instruments.targets)]
-    for name, link in named if instruments.targets else ():
+    named = [(instruments.reference, instruments.reference, (0.0, 0.0, 0.0))]
+    named += [(target.name, target.link, target.at) for target in instruments.targets]
+    for name, link, at in named if instruments.targets else ():
         if tree.moving_link(link) not in bodies:
             raise RigError(
                 f"'{link}' is not on the way from '{rig.screen}' to '{rig.module}'; targets and what they are measured from must lie "
@@ -200,7 +203,7 @@ def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFr
                 tree.label,
             )
         depth, start, tail = bodies[tree.moving_link(link)]
-        yield ChainFrame(name, depth, (*tail, *_between(tree, start, link)))
+        yield ChainFrame(name, depth, (*tail, *_between(tree, start, link)), at)
 
 
 def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:

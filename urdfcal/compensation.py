@@ -39,7 +39,7 @@ from urdfcal.softness import Softness, Term, is_known
 _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would move
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
 _DAMPED = 0.01**2 * np.eye(6)  # [m^2] near singular configurations joints do not chase what they can hardly move
-_ROUNDS, _STILL = 8, 1e-12  # deflections are milliradians: each round of the inverse gains three digits
+_ROUNDS, _STILL = 8, 1e-9  # [rad], [m]; deflections are milliradians: each round of the inverse gains about three digits
 _COMMENT = re.compile(rb"\n<!-- urdfcal compensation sha256 ([0-9a-f]{64}) -->\n?$")
 
 

@@ -264,7 +264,8 @@ class ErrorModel:
                     way += [*before, _Station(constant=step.joint.origin), *behind]
                 else:
                     way += [*_inverse(behind), _Station(constant=step.joint.origin.inverse()), *_inverse(before)]
-            ways.append(way + [_Station(slot=number) for number, slot in enumerate(self.slots) if slot.frame == index])
+            way += [_Station(slot=number) for number, slot in enumerate(self.slots) if index in (slot.frame, *slot.also)]
+            ways.append(way + ([_Station(constant=pin.SE3(np.eye(3), np.array(frame.at)))] if any(frame.at) else []))
         return ways
 
     def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:

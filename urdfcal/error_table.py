@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urdfcal.geometry import DEG, MM
+from urdfcal.geometry import DEG, MM, Vector
 from urdfcal.noise import Linearisation
 
 UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
@@ -43,13 +43,17 @@ def error_table(here: Linearisation, poses: int) -> SpotTable:
         here: Residual of the poses at some state.
         poses: How many there are; rows behind them (known lengths) are no measurements.
     """
-    table = {}
+    distances: dict[tuple[str, str], list[Vector]] = {}
     for block in here.blocks:
         measured = here.measured[:poses, block.columns]
         distance = np.linalg.norm(here.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / UNITS[block.unit]
-        if len(distance):
-            table[block.name] = SpotErrors(float(distance.mean()), float(distance.std()), float(distance.max()), len(distance), block.unit)
-    return table
+        distances.setdefault((block.name, block.unit), []).append(distance)
+    whole = {key: np.concatenate(each) for key, each in distances.items()}
+    return {
+        name: SpotErrors(float(own.mean()), float(own.std()), float(own.max()), len(own), unit)
+        for (name, unit), own in whole.items()
+        if len(own)
+    }
 
 
 def rms_mm(table: SpotTable) -> float:

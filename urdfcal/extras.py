@@ -83,10 +83,8 @@ class Extras:
         blocks: list[RenderableType] = []
         if self.spots is not None:
             rows = zip(self.spots.lasers, self.spots.median / MM, self.spots.most / MM, self.spots.worst / MM, strict=True)
-            words = "; ".join(
-                f"{laser} {median:.2g} mm, 95 % under {most:.2g} mm, worst {worst:.2g} mm" for laser, median, most, worst in rows
-            )
-            blocks += ["", f"Predicted error of the spots over the workspace, without the noise of seeing them (median): {words}"]
+            words = "; ".join(f"{laser} {median:.2g}, {most:.2g}, {worst:.2g} mm" for laser, median, most, worst in rows)
+            blocks += ["", f"Predicted error of the spots over the workspace (median, 95 %, worst): {words}"]
         if self.accuracy is not None:
             blocks += ["", self.accuracy.words()]
         if self.folds is not None:

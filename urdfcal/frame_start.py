@@ -125,6 +125,7 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     by_target: dict[str, dict[str, Readings]] = {}
     for each in data.readings:
         by_target.setdefault(each.target, {})[each.kind] = each
+    yield from _boards(errors, data)
     for target, kinds in by_target.items():
         points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
         whole = ~np.isnan(points).any(axis=1)
@@ -139,6 +140,32 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
             if len(rows) >= _LEAST_POINTS:
                 R, b = _nominal(errors, data.q[rows], target, session)
                 yield _Seen(target, session, R, b, points[rows], None if axes is None else matrices(axes.values[rows]))
+
+
+def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
+    """Boards in pictures, each picture with enough corners as a whole pose of the board in the camera."""
+    import cv2
+
+    for board, grid in data.boards.items():
+        corners = [each for each in data.readings if each.link == board and each.kind == "pixel"]
+        seen = np.array([each.seen for each in corners]).reshape(len(corners), len(data))
+        grid_points = np.array([grid.at(int(each.target.partition(":")[2])) for each in corners])
+        for session in errors.sessions:
+            own = (data.sessions == session) | (len(errors.sessions) == 1)
+            rows, placements = [], []
+            for pose in np.flatnonzero(own & (seen.sum(axis=0) >= _LEAST_PIXELS)):
+                rays = data.camera.rays(np.array([each.values[pose] for each, there in zip(corners, seen[:, pose], strict=True) if there]))
+                found, turn, shift = cv2.solvePnP(
+                    grid_points[seen[:, pose]], np.ascontiguousarray(rays[:, :2] / rays[:, 2:]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+                )
+                if found:
+                    rows.append(pose)
+                    placements.append(pin.SE3(pin.exp3(turn.ravel()), shift.ravel()))
+            if len(rows) >= _LEAST_POINTS:
+                R, b = _nominal(errors, data.q[rows], corners[0].target, session)
+                b = b - R @ grid_points[0]  # of the link, not of the corner
+                a, A = np.array([each.translation for each in placements]), np.array([each.rotation for each in placements])
+                yield _Seen(board, session, R, b, a, A)
 
 
 def _points_of(kinds: Mapping[str, Readings], poses: int) -> Matrix:
@@ -256,7 +283,7 @@ def nearest_rotation(M: Matrix) -> Matrix:
 
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
-    for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each)):
+    for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each) and each.link not in data.boards):
         for session in errors.sessions:
             rows = np.flatnonzero(each.seen & ((data.sessions == session) | (len(errors.sessions) == 1)))
             if session in known.frames or len(rows) < _LEAST_PIXELS:

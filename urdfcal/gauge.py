@@ -217,7 +217,7 @@ def _moves_module(rig: Rig, slot: Slot) -> bool:
     """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target."""
     if slot.frame is None:
         return slot.kind != "beam"
-    farthest = next((target.name for target in rig.instruments.targets if target.link == rig.module), "")
+    farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.module), "")
     return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)
 
 

@@ -18,11 +18,45 @@ class Target:
         name: Link, with `:<label>` behind it where one link has several targets.
         link: The link.
         whole: Whether its orientation matters, so that its offset has six numbers; a point has three.
+        board: Name of the board that it is a corner of, and whose six numbers place it; the empty string for none.
+        at: Where it is on that board, [m].
     """
 
     name: str
     link: str
     whole: bool = False
+    board: str = ""
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def placed_by(self) -> str:
+        """First half of the names of the parameters that place it on its link."""
+        return self.board or self.name
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The inner corners of a chessboard, numbered row by row from the first one; x along a row, y down the columns.
+
+    Attributes:
+        columns: Corners in a row.
+        rows: Rows of them.
+        square: Side of a square, [m].
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    def at(self, corner: int) -> tuple[float, float, float]:
+        """Where a corner is on the board, [m]."""
+        row, column = divmod(corner, self.columns)
+        return column * self.square, row * self.square, 0.0
+
+    @property
+    def corners(self) -> int:
+        """How many there are."""
+        return self.columns * self.rows
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import hashlib
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from urdfcal.errors import MeasurementError, did_you_mean
 from urdfcal.files import write_whole
 from urdfcal.geometry import DEG, MM
+from urdfcal.instruments import Grid
 from urdfcal.measurements import Measurements
 from urdfcal.reading_columns import (
     ANGLE_WORDS,
@@ -55,7 +56,13 @@ _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than
 
 
 def read_measurements(
-    path: str | Path, robot: Robot, *, reference: str | None = None, target: str | None = None, camera: Any = None
+    path: str | Path,
+    robot: Robot,
+    *,
+    reference: str | None = None,
+    target: str | None = None,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
 ) -> Measurements:
     """Read measurements from CSV: one row a pose, one column a joint, and what was measured by the columns' endings.
 
@@ -63,6 +70,7 @@ def read_measurements(
         path: The file.
         robot: Whose joints and links the columns are named after.
         reference: Link that the measuring frame of points and orientations stands on; by default `tracker`, or the root.
+        boards: Links that are boards, with the grids of their corners; `<link>:<corner>.u .v` are then one board's.
         camera: What pixels were read with, a `vision.camera_model.Camera`; spots of lasers with pixels are then taken from these.
         target: Link that columns named x1, y1, z1, phix1, phiy1, phiz1 (figaroh's) belong to.
 
@@ -70,7 +78,7 @@ def read_measurements(
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
-    return _Reader(Path(path), robot, reference or "", target or "", camera).read()
+    return _Reader(Path(path), robot, reference or "", target or "", camera, boards or {}).read()
 
 
 def write_measurements(path: str | Path, data: Measurements, comments: Iterable[str] = ()) -> None:
@@ -107,8 +115,9 @@ def _label(text: str) -> str:
 class _Reader:
     """Reads one file; keeps what every message needs."""
 
-    def __init__(self, path: Path, robot: Robot, reference: str, target: str, camera: Any) -> None:
-        self.path, self.robot, self.reference, self.target, self.camera = path, robot, reference, target, camera
+    def __init__(self, path: Path, robot: Robot, reference: str, target: str, camera: Any, boards: Mapping[str, Grid]) -> None:
+        self.path, self.robot, self.reference, self.target = path, robot, reference, target
+        self.camera, self.boards = camera, boards
         self.warnings: list[str] = []
 
     def fail(self, line: int | None, column: str, message: str) -> MeasurementError:
@@ -209,7 +218,9 @@ class _Reader:
         blank = tuple(blank_readings(column, target, kind) for target, kind in kinds for column in self.columns if column.target == target)
         if kinds:
             lasers = self.laser_candidates() if spots else ()
-            self.robot = self.robot.seen_by(instruments_of(blank, self.reference, lasers, self.camera), self.robot.lasers if spots else ())
+            self.robot = self.robot.seen_by(
+                instruments_of(blank, self.reference, lasers, self.camera, self.boards), self.robot.lasers if spots else ()
+            )
         self.joints, self.lasers = self.robot.chain.inputs, self.robot.rig.lasers
 
     def check_columns(self) -> None:
@@ -289,6 +300,7 @@ class _Reader:
             readings=readings,
             reference=self.reference,
             camera=self.camera,
+            boards=self.boards,
             payload=self.payload_column(lines, columns["payload"]) if "payload" in columns else None,
             approach=np.sign(np.diff(q, axis=0, prepend=q[:1])),
         )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from urdfcal.errors import ShapeMismatch
 from urdfcal.geometry import Array3, Matrix, Vector
-from urdfcal.instruments import Instruments
+from urdfcal.instruments import Grid, Instruments
 from urdfcal.readings import KnownLength, Readings, instruments_of
 from urdfcal.robot import Robot
 
@@ -51,6 +51,7 @@ class Measurements:
         reference: Link that the measuring frame stands on; the empty string for the default.
         lengths: Known distances between sockets.
         payload: Mass that the arm carried at each pose, (n,), [kg]; None where nothing is said.
+        boards: Links that are boards, with the grids of their corners.
         camera: What pixels were read with: a `vision.camera_model.Camera`.
         approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
     """
@@ -73,6 +74,7 @@ class Measurements:
     payload: Vector | None = None
     approach: Matrix | None = None
     camera: Any = None
+    boards: Mapping[str, Grid] = field(default_factory=dict)
 
     def of_laser(self, readings: Readings) -> bool:
         """Whether readings are the pixels of a laser's spots."""
@@ -137,7 +139,7 @@ class Measurements:
     @cached_property
     def instruments(self) -> Instruments:
         """What the readings were made with."""
-        return instruments_of(self.readings, self.reference, self.lasers, self.camera)
+        return instruments_of(self.readings, self.reference, self.lasers, self.camera, self.boards)
 
     @property
     def session_names(self) -> tuple[str, ...]:

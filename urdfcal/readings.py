@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.geometry import DEG, MM, Matrix, Vector
-from urdfcal.instruments import Instruments, Place, Target
+from urdfcal.instruments import Grid, Instruments, Place, Target
 
 STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0, "pixel": 2}
 START_SIGMA: dict[str, float] = {
@@ -107,7 +107,9 @@ class KnownLength:
     sigma: float = START_SIGMA["length"]
 
 
-def instruments_of(readings: Sequence[Readings], reference: str, lasers: Sequence[str] = (), camera: Any = None) -> Instruments:
+def instruments_of(
+    readings: Sequence[Readings], reference: str, lasers: Sequence[str] = (), camera: Any = None, boards: Mapping[str, Grid] | None = None
+) -> Instruments:
     """Targets, measuring frame and places that some readings need.
 
     Args:
@@ -115,15 +117,30 @@ def instruments_of(readings: Sequence[Readings], reference: str, lasers: Sequenc
         reference: Link that the measuring frame stands on.
         lasers: Links whose pixels are those of spots on the screen, and no targets.
         camera: What pixels were read with.
+        boards: Links that are boards, whose targets are labelled by the numbers of corners.
+
+    Raises:
+        UsageError: a board has no such corner.
     """
     others = [each for each in readings if not (each.kind == "pixel" and each.link in lasers)]
     whole = {each.target for each in others if each.kind == "orientation"}
-    targets = {each.target: Target(each.target, each.link, each.target in whole) for each in others}
+    targets = {each.target: _target(each, each.target in whole, (boards or {}).get(each.link)) for each in others}
     places = {place.name: place for each in others for place in each.places}
     placed = any(each.kind in SEEN_FROM_FRAME for each in others)
     return Instruments(
         tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if len(others) < len(readings) else ()
     )
+
+
+def _target(readings: Readings, whole: bool, board: Grid | None) -> Target:
+    if board is None:
+        return Target(readings.target, readings.link, whole)
+    label = readings.target.partition(":")[2]
+    if not label.isdecimal() or int(label) >= board.corners:
+        raise UsageError(
+            f"{readings.target}: the board {readings.link} has the corners {readings.link}:0 to {readings.link}:{board.corners - 1}"
+        )
+    return Target(readings.target, readings.link, False, readings.link, board.at(int(label)))
 
 
 def _camera_sigma(camera: Any) -> tuple[float, ...]:

@@ -13,6 +13,7 @@ Every entry may be missing:
     reference_known: false
     target: tool0                      # link of figaroh's columns x1, y1 ...
     sockets: {distances_mm: {'*/0 - */1': 50}}
+    boards: {board: '9x6:25mm'}        # links that are chessboards: inner corners and the side of a square
     parameters:
       joint3.d_alpha: {sigma_deg: 0.1}
       slm.trans_x: {value_mm: 2.5, sigma_mm: 0.2}
@@ -23,6 +24,7 @@ Aliases and entries that stand twice are refused.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -34,12 +36,16 @@ from urdfcal.errors import RigError, did_you_mean
 from urdfcal.files import read_yaml
 from urdfcal.gauge import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.geometry import DEG, MM
+from urdfcal.instruments import Grid
 from urdfcal.slots import Kind
 from urdfcal.urdf_tree import FARTHEST
 
 Positive = Annotated[float, Field(ge=1e-9, le=FARTHEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=FARTHEST, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
+
+
+_BOARD = re.compile(r"(\d+)x(\d+):(\d+\.?\d*)(mm|m)")
 
 
 class _Strict(BaseModel):
@@ -99,6 +105,7 @@ class RigFile(_Strict):
     reference_known: bool = False
     target: str | None = None
     sockets: SocketsEntry = SocketsEntry()
+    boards: dict[str, str] = {}
 
     @field_validator("priors")
     @classmethod
@@ -106,6 +113,13 @@ class RigFile(_Strict):
         for text in priors.values():
             parse_prior(text)
         return priors
+
+    @field_validator("boards")
+    @classmethod
+    def _grids(cls, boards: dict[str, str]) -> dict[str, str]:
+        for text in boards.values():
+            _grid(text)
+        return boards
 
     @field_validator("parameters")
     @classmethod
@@ -129,9 +143,20 @@ class RigFile(_Strict):
             reference_known=self.reference_known,
         )
 
+    def grids(self) -> dict[str, Grid]:
+        """Links that are boards."""
+        return {link: _grid(text) for link, text in self.boards.items()}
+
     def lengths(self) -> list[tuple[str, float]]:
         """Known distances between sockets: pattern and length, [m]."""
         return [(pattern, length * MM) for pattern, length in self.sockets.distances_mm.items()]
+
+
+def _grid(text: str) -> Grid:
+    match = _BOARD.fullmatch(text.replace(" ", ""))
+    if match is None or min(int(match[1]), int(match[2])) < 2 or not float(match[3]) > 0:
+        raise ValueError(f"'{text}' is not a board; expected inner corners and the side of a square, such as 9x6:25mm")
+    return Grid(int(match[1]), int(match[2]), float(match[3]) * (MM if match[4] == "mm" else 1.0))
 
 
 def read_rig_file(path: str | Path) -> RigFile:

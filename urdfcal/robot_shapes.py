@@ -90,6 +90,11 @@ def robot_shapes(robot: Robot) -> Shapes:
     return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), tuple(warnings))
 
 
+def _sheet(robot: Robot) -> str:
+    """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way."""
+    return robot.rig.screen if robot.rig.lasers else robot.screen or "screen"
+
+
 def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
     """Name every mesh by its file; visuals whose mesh cannot be shown go, and their links are given back, with the reasons."""
     bare: set[str] = set()
@@ -98,7 +103,7 @@ def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[
         name = link.get("name", "")
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if robot.rig.lasers and name == robot.rig.screen:
+            if name == _sheet(robot):
                 link.remove(visual)
             elif mesh is not None:
                 try:
@@ -140,7 +145,7 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
             rail = joint.origin * _z_to(np.array(joint.axis), joint.upper / 2 * np.array(joint.axis))
             _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * radius, joint.upper), rail, _BODY)
         reach = float(np.linalg.norm(joint.origin.translation))
-        if joint.parent in links and reach > radius and not (robot.rig.lasers and joint.child == robot.rig.screen):
+        if joint.parent in links and reach > radius and joint.child != _sheet(robot):
             between = _z_to(joint.origin.translation, joint.origin.translation / 2)
             _add(robot, model, joint.parent, f"to_{joint.child}", coal.Capsule(radius, reach), between, _BODY)
     if robot.rig.module in rig:

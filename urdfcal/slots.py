@@ -39,6 +39,7 @@ class Slot:
         before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
         spare: Those of the names that the gauge rule considers last, after everything else.
         frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
+        also: Further frames that it ends the way to: all the corners of a board share one placement.
         found: Where the frame was found to stand before any fit, by session: the slot's own placement, ahead of its screws.
     """
 
@@ -50,6 +51,7 @@ class Slot:
     before: bool = False
     spare: tuple[str, ...] = ()
     frame: int | None = None
+    also: tuple[int, ...] = ()
     found: Mapping[str, SE3] = field(default_factory=dict)
 
     @cached_property
@@ -106,9 +108,13 @@ def frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
     seen = rig.instruments
     own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
     slots = [Slot(own, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
+    places: dict[str, list[int]] = {}
     for index, target in enumerate(seen.targets, start=1):
-        count = 6 if target.whole else 3
-        slots.append(Slot(target.name, "target", SIX[:count], six_screws()[:, :count], None, frame=index))
+        places.setdefault(target.placed_by, []).append(index)
+    for label, (first, *others) in places.items():
+        target = seen.targets[first - 1]
+        count = 6 if target.whole or target.board else 3
+        slots.append(Slot(label, "target", SIX[:count], six_screws()[:, :count], None, frame=first, also=tuple(others)))
     return slots
 
 

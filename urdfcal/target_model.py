@@ -39,6 +39,7 @@ class Reading:
         frame: Index of the target among the chain's frames.
         errors: The error model.
         first: Index of its first number among those of a pose.
+        board: The board that the target is a corner of, if it is one.
     """
 
     data: Readings
@@ -46,6 +47,7 @@ class Reading:
     frame: int
     errors: ErrorModel
     first: int
+    board: str = ""
 
     @property
     def columns(self) -> slice:
@@ -54,7 +56,8 @@ class Reading:
 
     def block(self, kind: int) -> Block:
         """What tables and gates take it for."""
-        return Block(f"{self.data.target} {self.sensor.title}".strip(), self.columns, kind, self.sensor.unit)
+        name = self.board or self.data.target
+        return Block(f"{name} {self.sensor.title}".strip(), self.columns, kind, self.sensor.unit)
 
     @cached_property
     def measured(self) -> Mask:
@@ -120,7 +123,7 @@ def readings_of(errors: ErrorModel, data: Measurements, first: int) -> tuple[Rea
     found: list[Reading] = []
     for own in (each for each in data.readings if not data.of_laser(each)):
         sensor = PixelSensor(data.camera) if own.kind == "pixel" else SENSORS[own.kind]
-        found.append(Reading(own, sensor, 1 + names[1:].index(own.target), errors, first))
+        found.append(Reading(own, sensor, 1 + names[1:].index(own.target), errors, first, own.link if own.link in data.boards else ""))
         first += found[-1].sensor.numbers
     return tuple(found)
 

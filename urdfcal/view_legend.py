@@ -10,7 +10,8 @@ import numpy as np
 from urdfcal.geometry import MM, Matrix
 from urdfcal.key_frames import Rows
 from urdfcal.scene import FINE, Scene
-from urdfcal.scene_marks import CALIBRATED, ERROR, GRID, MEASURED, MISSING, NOMINAL, SHEET, beam_colour
+from urdfcal.scene_marks import CALIBRATED, MEASURED, MISSING, NOMINAL, beam_colour
+from urdfcal.view_swatches import arrow, beams, box, cross, css, disc, grid, line, ring, triad
 
 _READ = {  # what the balls are
     "point": "point, measured",
@@ -34,9 +35,9 @@ class Layer:
 def layers(scene: Scene) -> list[Layer]:
     """What is in this scene, in the order of the legend."""
     both = scene.calibrated is not None
-    found = [Layer(_box("#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
+    found = [Layer(box("#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
     if both:
-        found.append(Layer(_box(_css(NOMINAL), 0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
+        found.append(Layer(box(css(NOMINAL), 0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
     return found + (_laser_layers(scene, both) if scene.data.lasers else []) + (_target_layers(scene, both) if scene.targets else [])
 
 
@@ -51,15 +52,15 @@ def _shared(scene: Scene) -> str:
 def _laser_layers(scene: Scene, both: bool) -> list[Layer]:
     names = scene.data.lasers
     squares = f"{scene.sheet.pitch / MM:g} and {scene.sheet.pitch / FINE / MM:g} mm"
-    found = [Layer(_grid(), f"screen, squares of {squares}", ("screen/sheet",))]
+    found = [Layer(grid(), f"screen, squares of {squares}", ("screen/sheet",))]
     paths = _pose_paths(scene, "beam")
-    found.append(Layer(_beams(len(names)), f"beams: {', '.join(names)}", paths))
+    found.append(Layer(beams(len(names)), f"beams: {', '.join(names)}", paths))
     if both:
-        found.append(Layer(_line(_css(NOMINAL), 2), "beams, uncalibrated", _pose_paths(scene, "nominal_beam")))
+        found.append(Layer(line(css(NOMINAL), 2), "beams, uncalibrated", _pose_paths(scene, "nominal_beam")))
     missing = _pose_paths(scene, "beam_missing") + (_pose_paths(scene, "nominal_beam_missing") if both else ())
-    found.append(Layer(_line(_css(MISSING), 3, "5 3"), "beam that misses the screen", missing))
+    found.append(Layer(line(css(MISSING), 3, "5 3"), "beam that misses the screen", missing))
     if len(scene.data) > 1:
-        found.append(Layer(_line(_css(beam_colour(0)), 1), "beams of all poses", ("screen/beams",), shown=False))
+        found.append(Layer(line(css(beam_colour(0)), 1), "beams of all poses", ("screen/beams",), shown=False))
     return found + _spot_layers(scene, bool(scene.data.seen.any()), both)
 
 
@@ -74,26 +75,26 @@ def _target_layers(scene: Scene, both: bool) -> list[Layer]:
     frame = tuple(f"frame/marks/frame_{axis}" for axis in "xyz")
     link = scene.solid.rig.instruments.reference
     placed = scene.solid.rig.instruments.placed
-    found = [Layer(_triad(), f"measuring frame, fixed to {link}" if placed else f"frame of {link}", frame)]
+    found = [Layer(triad(), f"measuring frame, fixed to {link}" if placed else f"frame of {link}", frame)]
     if "plane" in kinds:
-        found.append(Layer(_box("#8fb8de", 0.6), "planes that were touched", ("frame/marks/planes",)))
+        found.append(Layer(box("#8fb8de", 0.6), "planes that were touched", ("frame/marks/planes",)))
     if (placed and {"point", "pixel"} & set(kinds)) or "distance" in kinds:
         words = " and ".join(word for kind, word in (("point", "line of sight"), ("distance", "wire")) if kind in kinds) or "line of sight"
         lines = tuple(f"frame/pose/line_{number}" for number in numbers)
-        found.append(Layer(_line(_css(MISSING), 1.4), words, lines))
+        found.append(Layer(line(css(MISSING), 1.4), words, lines))
     if numbers:
         words = "; ".join(_READ[kind] for kind in kinds if kind in _READ)
-        found.append(Layer(_disc(_css(MEASURED)), words, paths("measured")))
+        found.append(Layer(disc(css(MEASURED)), words, paths("measured")))
         who = "uncalibrated robot" if both else "URDF"
-        found.append(Layer(_cross(_css(NOMINAL)), f"target, predicted by the {who}", paths("nominal")))
+        found.append(Layer(cross(css(NOMINAL)), f"target, predicted by the {who}", paths("nominal")))
         if both:
-            found.append(Layer(_cross(_css(CALIBRATED), 45), "target, predicted by the calibrated robot", paths("calibrated")))
-            found.append(Layer(_line(_css(NOMINAL), 1), "error, uncalibrated, true length", ("frame/marks/shift",)))
-        found.append(Layer(_arrow(), f"error{', calibrated' if both else ''}, {_length(scene.target_magnification)}", paths("error")))
+            found.append(Layer(cross(css(CALIBRATED), 45), "target, predicted by the calibrated robot", paths("calibrated")))
+            found.append(Layer(line(css(NOMINAL), 1), "error, uncalibrated, true length", ("frame/marks/shift",)))
+        found.append(Layer(arrow(), f"error{', calibrated' if both else ''}, {_length(scene.target_magnification)}", paths("error")))
     if turned:
-        found.append(Layer(_triad(), "measured axes", tuple(f"frame/pose/axes_{number}" for number in turned)))
+        found.append(Layer(triad(), "measured axes", tuple(f"frame/pose/axes_{number}" for number in turned)))
         if len(scene.data) > 1:
-            found.append(Layer(_triad(), "measured axes of all poses", ("frame/marks/axes",), shown=False))
+            found.append(Layer(triad(), "measured axes of all poses", ("frame/marks/axes",), shown=False))
     return found
 
 
@@ -107,14 +108,14 @@ def _spot_layers(scene: Scene, measured: bool, both: bool) -> list[Layer]:
 
     found = []
     if measured:
-        found.append(Layer(_disc(_css(MEASURED)), "spot, measured", paths("measured")))
-    found.append(Layer(_ring(_css(NOMINAL)), "spot, predicted by the " + ("uncalibrated robot" if both else "URDF"), paths("nominal")))
+        found.append(Layer(disc(css(MEASURED)), "spot, measured", paths("measured")))
+    found.append(Layer(ring(css(NOMINAL)), "spot, predicted by the " + ("uncalibrated robot" if both else "URDF"), paths("nominal")))
     if both:
-        found.append(Layer(_ring(_css(CALIBRATED)), "spot, predicted by the calibrated robot", paths("calibrated")))
+        found.append(Layer(ring(css(CALIBRATED)), "spot, predicted by the calibrated robot", paths("calibrated")))
     if measured and both:
-        found.append(Layer(_line(_css(NOMINAL), 1), "error, uncalibrated, true length", ("screen/spots/shift",)))
+        found.append(Layer(line(css(NOMINAL), 1), "error, uncalibrated, true length", ("screen/spots/shift",)))
     if measured:
-        found.append(Layer(_arrow(), f"error{', calibrated' if both else ''}, {_length(scene.magnification)}", paths("error")))
+        found.append(Layer(arrow(), f"error{', calibrated' if both else ''}, {_length(scene.magnification)}", paths("error")))
     return found
 
 
@@ -192,52 +193,3 @@ def _mean(errors: Matrix) -> str:
 
 def _number(error: float) -> str:
     return "–" if not np.isfinite(error) else f"{error:.3f}" if error < 0.1 else f"{error:.2f}" if error < 10 else f"{error:.1f}"
-
-
-def _css(colour: int) -> str:
-    return f"#{colour:06x}"
-
-
-def _svg(content: str) -> str:
-    return f'<svg viewBox="0 0 26 18" aria-hidden="true">{content}</svg>'
-
-
-def _box(colour: str, opacity: float = 1.0) -> str:
-    return _svg(f'<path d="M5 15V8l8-5 8 5v7h-5v-5h-6v5z" fill="{colour}" opacity="{opacity}"/>')
-
-
-def _grid() -> str:
-    return _svg(
-        f'<rect x="4" y="1" width="18" height="16" fill="{_css(SHEET)}" stroke="{_css(GRID)}"/>'
-        f'<path d="M10 1v16M16 1v16M4 6.3h18M4 11.6h18" stroke="{_css(GRID)}"/>'
-    )
-
-
-def _line(colour: str, width: float, dashes: str = "") -> str:
-    return _svg(f'<path d="M1 14L25 4" stroke="{colour}" stroke-width="{width}" stroke-dasharray="{dashes}"/>')
-
-
-def _beams(count: int) -> str:
-    lines = (f'<path d="M1 {14 - 5 * k}L25 {8 - 5 * k}" stroke="{_css(beam_colour(k))}" stroke-width="3"/>' for k in range(min(count, 2)))
-    return _svg("".join(lines))
-
-
-def _disc(colour: str) -> str:
-    return _svg(f'<circle cx="13" cy="9" r="5" fill="{colour}"/>')
-
-
-def _ring(colour: str) -> str:
-    return _svg(f'<circle cx="13" cy="9" r="6" fill="none" stroke="{colour}" stroke-width="2.4"/>')
-
-
-def _arrow() -> str:
-    return _svg(f'<path d="M2 9h15" stroke="{_css(ERROR)}" stroke-width="2.4"/><path d="M16 4l8 5-8 5z" fill="{_css(ERROR)}"/>')
-
-
-def _cross(colour: str, turn: int = 0) -> str:
-    return _svg(f'<path d="M13 3v12M7 9h12" stroke="{colour}" stroke-width="2.6" transform="rotate({turn} 13 9)"/>')
-
-
-def _triad() -> str:
-    bars = (("#d0342c", "M11 12h11"), ("#2e9e3f", "M11 12V2"), ("#2f5fd0", "M11 12L4 17"))
-    return _svg("".join(f'<path d="{path}" stroke="{colour}" stroke-width="2"/>' for colour, path in bars))

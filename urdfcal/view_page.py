@@ -119,7 +119,8 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     if scene.data.lasers:
         normal, seen, spots = _screen_in_root(scene, rows, every)
     else:
-        normal, seen, spots = targets.mean(axis=0) - _base(scene.solid, whole[0]), [], targets
+        middle = (targets if len(targets) else robot).mean(axis=0)
+        normal, seen, spots = middle - _base(scene.solid, whole[0]), [], targets
     points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
     direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
     return {"direction": direction.tolist(), "points": points.tolist()}

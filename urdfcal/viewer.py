@@ -17,8 +17,10 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.evaluation import as_measured
 from urdfcal.files import write_whole
+from urdfcal.instruments import Instruments, Target
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots, in_pixels, require_screen_of_camera
+from urdfcal.rig import lasers_by_name
 from urdfcal.robot import Robot
 from urdfcal.robot_shapes import Shapes, robot_shapes
 from urdfcal.scene import Scene
@@ -67,7 +69,7 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
 
     Args:
         robot: As its URDF has it.
-        data: What was measured; without it, one pose is shown in which every beam meets the screen, if there is one.
+        data: What was measured; without it, one pose is shown, with every beam on the screen if there is such a pose.
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
 
@@ -81,6 +83,8 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
     if data is not None:
         data = _drawable(data)
         robot, calibrated = as_measured(robot, data), as_measured(calibrated, data) if calibrated is not None else None
+    elif not (robot.lasers or robot.instruments.targets or lasers_by_name(robot.tree)):
+        robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
     if len(rows.session_names) > 1 and (calibrated is not None or rows.readings):
@@ -92,6 +96,12 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
     scene = Scene(robot, calibrated, rows, magnify)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *shapes.warnings))
+
+
+def _to_its_tip(robot: Robot) -> Robot:
+    """A robot that nothing measures: the joints to the link that most of them move are those that count."""
+    tip = max(robot.tree.links, key=lambda link: sum(joint.moves for joint in robot.tree.path_from_root(link)))
+    return robot.seen_by(Instruments((Target(tip, tip),)), ())
 
 
 def _drawable(data: Measurements) -> Measurements:

@@ -105,7 +105,10 @@ def fitted(robot: urdfcal.Robot, train: urdfcal.Measurements, test: urdfcal.Meas
 
 def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[str]:
     """A line for each arm and sensor."""
-    yield f"{'arm':<8}{'sensor':<8}{'held-out ratio':>16}{'worst':>8}{'95 % hold':>11}{'own':>7}{'across':>8}{'error left':>12}{'gain':>8}{'told':>6}"
+    yield (
+        f"{'arm':<8}{'sensor':<8}{'held-out ratio':>16}{'worst':>8}{'95 % hold':>11}{'own':>7}{'across':>8}{'error left':>12}"
+        f"{'gain':>8}{'told':>6}"
+    )
     for arm in arms:
         for sensor in SENSORS:
             if arm == "ur10" and sensor == "laser":
@@ -136,15 +139,18 @@ def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[
             )
 
 
-def real_study(data: Path, wanted: list[str], splits: int) -> Iterator[str]:
+def real_study(data: Path, wanted: list[str], splits: int, gated: bool) -> Iterator[str]:
     """A line for each set and split, then the ratios that were aimed at."""
-    yield f"{'set':<18}{'split':<14}{'n':>3}{'nominal':>9}{'URDF':>8}{'pair':>8}{'ratio':>8}{'worst':>7}{'reference':>11}{'URDF/ref':>10}{'pair/ref':>10}"
+    yield (
+        f"{'set':<18}{'split':<14}{'n':>3}{'nominal':>9}{'URDF':>8}{'pair':>8}{'ratio':>8}{'worst':>7}"
+        f"{'reference':>11}{'URDF/ref':>10}{'pair/ref':>10}"
+    )
     against: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for robot in (each for each in ROBOTS if not wanted or each.folder in wanted):
         arm, whole = robot.load(data)
         found: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
         for split in [*random_splits(whole, splits), *repeatable_splits(robot, whole)]:
-            found[split.name].append(one_split(robot, arm, whole, split))
+            found[split.name].append(one_split(robot, arm, whole, split, gated))
         for name, rows in found.items():
             nominal, urdf, pair = np.sqrt(np.mean(np.square(rows), axis=0))
             ratios, reference = [row[2] / row[1] for row in rows], robot.reference.get(name)
@@ -155,8 +161,10 @@ def real_study(data: Path, wanted: list[str], splits: int) -> Iterator[str]:
                 against[robot.folder].append((means[0] / reference, means[1] / reference))
                 line += f"{reference:>11.2f}{means[0] / reference:>10.3f}{means[1] / reference:>10.3f}"
             yield line
-    sets = np.exp([np.mean(np.log(rows), axis=0) for rows in against.values()])
-    yield f"against the references, geometric mean over the sets: URDF {geometric(sets[:, 0]):.3f}, pair {geometric(sets[:, 1]):.3f}; worst pair {sets[:, 1].max():.3f}"
+    if against:
+        urdf, pair = np.exp([np.mean(np.log(rows), axis=0) for rows in against.values()]).T
+        means = f"URDF {geometric(urdf):.3f}, pair {geometric(pair):.3f}; worst pair {pair.max():.3f}"
+        yield f"against the references, geometric mean over the sets: {means}"
 
 
 def geometric(values: Any) -> float:
@@ -164,18 +172,15 @@ def geometric(values: Any) -> float:
     return float(np.exp(np.mean(np.log(values))))
 
 
-def one_split(robot: Any, arm: urdfcal.Robot, whole: urdfcal.Measurements, split: Split) -> tuple[float, float, float]:
+def one_split(robot: Any, arm: urdfcal.Robot, whole: urdfcal.Measurements, split: Split, gated: bool) -> tuple[float, float, float]:
     """Held-out RMS of the nominal robot, of geometry alone and of the pair, [mm], on the same poses."""
     train, test = robot.part(whole, split.train), replace(robot.part(whole, split.test), lengths=())
-    calibration = urdfcal.fit(arm, train, test=test, gated=GATED)
+    calibration = urdfcal.fit(arm, train, test=test, gated=gated)
     sag = fit_sag(calibration, folds=0, compare_directions=False)
     assert sag is not None
     assert calibration.test is not None
     assert calibration.test_data is not None
     return rms_mm(calibration.test[0]), rms_mm(calibration.test[1]), held_out(calibration, sag, calibration.test_data)
-
-
-GATED = True
 
 
 def cost_study() -> Iterator[str]:
@@ -206,11 +211,9 @@ def main() -> None:
     given = parser.parse_args()
     if given.study == "real" and not given.data.is_dir():
         sys.exit(f"no folder {given.data} with the real measurements; say --data DIR")
-    global GATED
-    GATED = not given.no_gate
     scales = SagScales(1 * MRAD, 0.5 * MRAD) if given.study == "truth" else SagScales()
     lines = (
-        real_study(given.data, given.set, given.splits)
+        real_study(given.data, given.set, given.splits, not given.no_gate)
         if given.study == "real"
         else cost_study()
         if given.study == "cost"

@@ -83,9 +83,9 @@ def view(
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
-    say(verbose, about(arm))
     other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
     seen = view_of(arm, data, other, magnify)
+    say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
         _serve(seen, host, port, no_open, as_json, quiet)
