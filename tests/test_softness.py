@@ -12,7 +12,7 @@ from tests.helpers import assert_poses_close, central_differences, poses_in_view
 from tests.sensor_cases import CASES, SensorCase, session_errors, setup_of
 from tests.small_robot import joint, robot_of, robot_text
 from urdfcal.chain import Step
-from urdfcal.error_model import ErrorModel
+from urdfcal.error_model import ErrorModel, with_softness
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import SE3, Matrix, Vector
@@ -20,7 +20,6 @@ from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.robot import Robot
-from urdfcal.sag import with_softness
 from urdfcal.softness import EXTRAS, Softness, across, extra_terms, gravity_terms
 from urdfcal.spot_model import SpotModel
 

@@ -16,16 +16,20 @@ import pytest
 from tests.sensor_cases import CASES, SINGLE, setup_of
 from urdfcal.evaluation import as_measured, evaluate
 from urdfcal.geometry import MM, Matrix
+from urdfcal.instruments import Grid
 from urdfcal.key_frames import MOST_POSES, key_frames
 from urdfcal.measurement_file import write_measurements
-from urdfcal.measurements import Measurements
+from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.reading_simulation import ReadingNoise, simulate_readings
+from urdfcal.readings import Readings
 from urdfcal.robot import Robot, load_robot, robot_from
 from urdfcal.scene import Scene, frame_placements
+from urdfcal.simulation import draw_poses, random_truth
 from urdfcal.target_marks import arrows, balls, crosses
 from urdfcal.target_scene import Mark
 from urdfcal.urdf_writer import with_origins
 from urdfcal.viewer import view_of
+from urdfcal.vision.camera_model import Camera
 from urdfcal.whole_robot import whole_configurations
 
 DRAWN = [*SINGLE, "reference carried", "hand sees hand", "several targets", "lasers and points", "every kind"]
@@ -43,6 +47,13 @@ def seen(name: str, robots: dict[str, Robot], rng: np.random.Generator, poses: i
 def drawn(robot: Robot, data: Measurements, true: Robot | None = None) -> Scene:
     """The scene alone; what robots look like is not needed, and takes its time."""
     return Scene(robot, None if true is None else as_measured(true, data), data)
+
+
+def vision_camera() -> Camera:
+    """A camera three metres before the screen, without distortion."""
+    axes = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    matrix = np.array([[900.0, 0.0, 640.0], [0.0, 900.0, 480.0], [0.0, 0.0, 1.0]])
+    return Camera((1280, 960), matrix, np.zeros(5), "plain", pin.SE3(axes, np.array([0.1, -0.1, 3.0])))
 
 
 def there(mark: Mark, places: Matrix) -> Matrix:
@@ -71,7 +82,7 @@ def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], r
     table = evaluate(robot, data)
     assert [row.name for row in scene.compared] == list(table)
     for row in scene.compared:
-        assert np.nanmean(row.phases[0]) == pytest.approx(table[row.name].mean, rel=1e-6)
+        assert row.means[0] == pytest.approx(table[row.name].mean, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", DRAWN)
@@ -108,6 +119,29 @@ def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, R
                 np.testing.assert_allclose(off, 0.0, atol=1e-12)
         elif mark.kind == "socket":
             assert len(np.unique(np.round(read, 9), axis=0)) == len(readings.touched)
+
+
+def test_pixels_are_drawn_as_spots_and_on_rays(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Of a laser the camera's spot on the screen; of a board all corners on their rays, one row in the table, and a few marks that move."""
+    camera = vision_camera()
+    robot, grid, n = robots["panda"], Grid(4, 3, 0.05), 12
+    errors, zero = random_truth(robot, rng, 0.0, 0.0)
+    bare = measurements_from(robot, draw_poses(robot, errors, zero, n, rng), np.full((n, 2, 2), np.nan))
+    blank, none = np.full(n, ""), np.full(n, np.nan)
+    spots = tuple(Readings("pixel", laser, laser, rng.uniform(400, 700, (n, 2)), blank, none) for laser in robot.rig.lasers)
+    scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene
+    np.testing.assert_allclose(scene.data.spots[:, 1], camera.spots_of_pixels(spots[1].values))
+    assert scene.marks == ()
+    pixels = [np.tile((500.0, 400.0), (n, 1)) + 40 * np.array(divmod(k, 4)[::-1]) + rng.normal(0, 3, (n, 2)) for k in range(grid.corners)]
+    corners = tuple(Readings("pixel", f"slm:{k}", "slm", own, blank, none) for k, own in enumerate(pixels))
+    unlit = replace(bare, lasers=(), spots=np.empty((n, 0, 2)), sigma=np.empty((n, 0)))
+    board = replace(unlit, readings=corners, camera=camera, boards={"slm": grid}, reference="panda_link0")
+    scene = drawn(as_measured(robot, board), board)
+    assert [row.name for row in scene.compared] == ["slm pixels"]
+    assert (len(scene.marks), len(scene.moving)) == (12, 4)
+    for mark, own in zip(scene.marks, pixels, strict=True):
+        ahead = mark.read[:, 2] > 0
+        np.testing.assert_allclose(camera.project(mark.read[ahead]), own[ahead], atol=1e-6)
 
 
 def test_missing_readings_are_not_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -18,8 +18,9 @@ import pinocchio as pin
 from urdfcal.chain import Chain
 from urdfcal.errors import ShapeMismatch, UsageError, did_you_mean
 from urdfcal.geometry import DEG, MM, SE3, Matrix, Vector, exponentials, product
+from urdfcal.gravity import WeighedRobot
 from urdfcal.slots import Kind, Slot
-from urdfcal.softness import Softness, Yielding
+from urdfcal.softness import Softness, Term, Yielding
 from urdfcal.urdf_tree import UrdfJoint
 
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
@@ -381,6 +382,13 @@ def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> l
         for slot in sorted(slots, key=lambda slot: order[slot.kind])
         for name, unit in zip(slot.names, slot.units(), strict=True)
     ]
+
+
+def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:
+    """An error model whose joints give way."""
+    soft = tuple(Parameter(term.name, "rad", "soft", 0.0, term.sigma) for term in terms)
+    rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
+    return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))
 
 
 def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from urdfcal.compensation import Compensation, compensation_files, in_memory
 from urdfcal.ekf import Belief, Estimate, Linearise, iterated_schedule
-from urdfcal.error_model import ErrorModel, Parameter
+from urdfcal.error_model import ErrorModel, with_softness
 from urdfcal.error_table import error_table, rms_mm
 from urdfcal.evidence import by_evidence
 from urdfcal.fit_result import FitResult
@@ -277,128 +277,6 @@ def estimated_gravity(calibration: FitResult, rng: np.random.Generator | None = 
 def _unit(vector: Vector) -> tuple[float, float, float]:
     x, y, z = (np.asarray(vector) / np.linalg.norm(vector)).tolist()
     return x, y, z
-
-
-def log_evidence(self) -> float:
-        return log_evidence(self.model.linearise(self.estimate.belief.x), self.estimate, self.errors)
-
-    @property
-    def bends(self) -> float:
-        """How surely the joints bend the way that gravity pulls them: weighted sum of deflections over its standard deviation, [sigmas]."""
-        own = [self.errors.names.index(term.name) for term in self.terms if term.largest]
-        P = self.estimate.belief.P[np.ix_(own, own)]
-        weights = 1 / np.diag(P)
-        return float(weights @ self.estimate.belief.x[own] / np.sqrt(weights @ P @ weights)) if own else 0.0
-
-
-class _Setup:
-    """What all the fits of one calibration share."""
-
-    def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
-        self.calibration, self.chain = calibration, calibration.robot.chain
-        self.data, self.noise = calibration.data, calibration.estimate.noise
-        self.joints = bool(np.any(self.noise.joint_sigma))
-        lower, upper = joint_limits(calibration.robot)
-        drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
-        self.range = np.vstack([drawn, calibration.data.q])
-
-    def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
-        """Gravity's terms over the joints' range."""
-        return gravity_terms(self.chain, self.weighed(gravity).moments(self.range))
-
-    def weighed(self, gravity: Gravity) -> WeighedRobot:
-        return WeighedRobot(self.calibration.robot, gravity)
-
-    def alone(self) -> _Fitted:
-        """The geometry-only calibration, as if it had been made here."""
-        errors = self.calibration.errors
-        return _Fitted(errors, self.calibration.estimate, SpotModel(errors, self.data, self.joints))
-
-    def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
-        """Geometry and some terms together."""
-        errors = with_softness(self.calibration.errors, terms, self.weighed(gravity), self.calibration.robot.rig.module)
-        known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
-        known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
-        x = np.array([known.get(name, 0.0) for name in errors.names])
-        model = SpotModel(errors, self.data, self.joints)
-        first = _run(model.linearise, errors, self.noise, x)
-        chosen = self.calibration.evidence
-        if chosen is not None and first.converged:
-            keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
-            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first, keep)
-            model = SpotModel(errors, self.data, self.joints)
-        return _Fitted(errors, first, model, terms)
-
-    def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
-        """Each pose predicted by fits that did not see it."""
-        folds = min(folds, len(self.data))
-        if folds < 2:
-            return None
-        squares, counts = np.zeros(2), np.zeros(2)
-        for rows in np.array_split(rng.permutation(len(self.data)), folds):
-            for column, fitted in enumerate((alone, whole)):
-                rms, count = _left_out(fitted, self.data, rows, self.joints)
-                squares[column] += count * rms**2
-                counts[column] += count
-        geometry, sag = np.sqrt(squares / np.maximum(counts, 1)).tolist()
-        return HeldOut(geometry, sag, folds)
-
-    def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
-        """A warning if the data prefer another direction of gravity; one and its opposite differ in the signs of all deflections."""
-        root = self.calibration.robot.tree.root
-        gains = {}
-        for axis, direction in _AXES.items():
-            other = replace(gravity, direction=direction)
-            if abs(np.dot(direction, gravity.direction)) < 0.9 and (terms := self.gravity_terms(other)):
-                gains[axis] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
-        best = max(gains, key=lambda axis: gains[axis], default="")
-        if best and gains[best] > LEAST_GAIN:
-            yield (
-                f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gains[best]:+.0f}); "
-                "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
-            )
-        elif whole.bends < _UPWARD:
-            yield f"the joints bend against gravity; does the robot hang from its root link '{root}'? say --gravity X,Y,Z if it does"
-
-
-def estimated_gravity(calibration: FitResult, rng: np.random.Generator | None = None) -> Gravity:
-    """The direction of gravity that makes the data most probable, from a coarse look all round and then downhill.
-
-    Its sign is the one with which most joints bend the way that they are pulled.
-
-    Args:
-        calibration: Geometry alone.
-        rng: Draws configurations within the joints' range; seeded by default.
-    """
-    from scipy.optimize import minimize
-
-    setup = _Setup(calibration, rng or np.random.default_rng(0))
-
-    def fitted(vector: Vector) -> _Fitted | None:
-        gravity = Gravity(_unit(vector))
-        terms = setup.gravity_terms(gravity)
-        return setup.fit(terms, gravity) if terms else None
-
-    def loss(vector: Vector) -> float:
-        found = fitted(vector)
-        return -found.log_evidence if found is not None else np.inf
-
-    start = np.array(min(_COARSE, key=lambda vector: loss(np.array(vector, dtype=float))), dtype=float)
-    best = minimize(loss, start / np.linalg.norm(start), method="Nelder-Mead", options={"xatol": 5e-3, "fatol": 0.1, "maxfev": 80}).x
-    found = fitted(best)
-    return Gravity(_unit(-best if found is not None and found.bends < 0 else best))
-
-
-def _unit(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = (np.asarray(vector) / np.linalg.norm(vector)).tolist()
-    return x, y, z
-
-
-def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:
-    """An error model whose joints give way."""
-    soft = tuple(Parameter(term.name, "rad", "soft", 0.0, term.sigma) for term in terms)
-    rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
-    return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))
 
 
 def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from urdfcal.error_model import ErrorModel
+from urdfcal.error_model import ErrorModel, with_softness
 from urdfcal.errors import UsageError
 from urdfcal.geometry import Vector
 from urdfcal.gravity import Gravity, WeighedRobot, parse_gravity, parse_payload
 from urdfcal.robot import Robot
-from urdfcal.sag import with_softness
 from urdfcal.simulation import joint_limits
 from urdfcal.softness import Term, extra_terms, gravity_terms
 

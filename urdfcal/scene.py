@@ -28,6 +28,7 @@ _MARK, _LEAST_MARK = 0.0095, 0.0055  # radius of a spot's disc over the width of
 _FEW = 150  # spots, of more the discs are smaller
 _LONGEST_ARROW = 0.25  # of the sheet, for nine arrows out of ten, where the magnification is ours to choose
 MAGNIFICATIONS = (20.0, 10.0, 5.0, 2.0, 1.0)
+_MOST_OF_A_BOARD = 4  # corners
 _TARGET_MARK = 0.006  # radius of a target's ball over the width of the bulk of the marks
 _LEAST_WIDTH = 0.3  # [m] of the targets' marks
 _LONGEST_TARGET_ARROW = 0.06  # of that width
@@ -83,12 +84,14 @@ class Compared:
     Attributes:
         name: Of the laser, or as tables name the reading.
         unit: mm, deg or px.
-        phases: Errors of every robot that is drawn, nominal first, (n,) each; nan where nothing was measured.
+        phases: Errors of every robot that is drawn, nominal first, (n,) each; of a board the mean over corners; nan where nothing was read.
+        means: Mean of all, of every robot; nan where nothing was measured at all.
     """
 
     name: str
     unit: str
     phases: tuple[Vector, ...]
+    means: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,8 @@ class Scene:
     @cached_property
     def points(self) -> Matrix:
         """Every place that was read of a target, (k, 3), in the measuring frame, [m]."""
-        read = [mark.read[~np.isnan(mark.read[:, 0])] for mark in self.marks]
+        points = [mark for mark in self.marks if mark.is_point] or self.marks  # orientations stand at points, where there are any
+        read = [mark.read[~np.isnan(mark.read[:, 0])] for mark in points]
         return np.concatenate(read) if read else np.empty((0, 3))
 
     @cached_property
@@ -186,7 +190,7 @@ class Scene:
     @cached_property
     def ball(self) -> float:
         """Radius of a target's mark, [m]."""
-        return float(min(1.0, (_FEW / max(len(self.data), 1)) ** 0.35)) * _TARGET_MARK * self.width
+        return float(min(1.0, (_FEW / max(len(self.points), 1)) ** 0.35)) * _TARGET_MARK * self.width
 
     @cached_property
     def target_magnification(self) -> float:
@@ -210,13 +214,21 @@ class Scene:
     def compared(self) -> tuple[Compared, ...]:
         """The rows of the table of errors: lasers, then targets."""
         beams = [self.errors_mm(each) for each in (self.before, self.after) if each is not None]
-        lasers = [Compared(name, "mm", tuple(own[:, laser] for own in beams)) for laser, name in enumerate(self.data.lasers)]
-        rows = [Compared(own[0].name, own[0].unit, tuple(mark.errors for mark in own)) for own in zip(*self._marks_by_phase, strict=True)]
+        lasers = [_compared(name, "mm", [own[:, laser][None] for own in beams]) for laser, name in enumerate(self.data.lasers)]
+        rows = []
+        for name, unit in dict.fromkeys((mark.name, mark.unit) for mark in self.marks):
+            phases = [np.array([mark.errors for mark in placed.marks if mark.name == name]) for placed in self.targets]
+            rows.append(_compared(name, unit, phases))
         return (*lasers, *rows)
 
-    @property
-    def _marks_by_phase(self) -> list[tuple[Mark, ...]]:
-        return [placed.marks for placed in self.targets]
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Which marks are drawn large in the pose shown: all, but of a board's many corners a few."""
+        groups = [
+            [index for index, mark in enumerate(self.marks) if mark.name == name] for name in dict.fromkeys(m.name for m in self.marks)
+        ]
+        picked = [np.linspace(0, len(group) - 1, min(len(group), _MOST_OF_A_BOARD)).round().astype(int) for group in groups]
+        return tuple(sorted(group[place] for group, places in zip(groups, picked, strict=True) for place in places))
 
     def lands(self, beams: Beams) -> Mask:
         """Which beams end on the sheet, (n, lasers)."""
@@ -226,6 +238,16 @@ class Scene:
         """Distance from measured to predicted spot, (n, lasers), [mm]; nan where there is none."""
         distance = np.linalg.norm(beams.spots - self.data.spots, axis=-1) / MM
         return np.where(self.data.seen & beams.meets, distance, np.nan)
+
+
+def _compared(name: str, unit: str, errors: list[Matrix]) -> Compared:
+    """One row of the table from errors (k, n) of k marks."""
+    count = [np.maximum((~np.isnan(own)).sum(axis=0), 1e-9) for own in errors]
+    phases = [
+        np.where(np.isnan(own).all(axis=0), np.nan, np.nansum(own, axis=0) / number) for own, number in zip(errors, count, strict=True)
+    ]
+    means = [float(np.nanmean(own)) if np.isfinite(own).any() else np.nan for own in errors]
+    return Compared(name, unit, tuple(phases), tuple(means))
 
 
 def beams_of(robot: Robot, q: Matrix) -> Beams:

@@ -26,7 +26,7 @@ POSE_SIZE = 2.3  # how much larger the marks of the pose shown are
 _FRAME = 0.11  # length of the measuring frame's axes over the width of the marks
 _LINE = 0.0011  # radius of a line of sight over that width
 _RIM = 6
-_MANY = 150
+_MANY, _VERY_MANY = 150, 2000  # balls, of more they are coarser
 _TILT = np.array([[1, -1, 0], [1, 1, -2], [1, 1, 1]]) / np.sqrt([[2], [6], [3]])  # turns one cross against the other
 _OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
 _OCTANTS = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
@@ -39,7 +39,7 @@ _SIDES = np.array(
 def balls(radius: float, centres: Matrix) -> Any:
     """Balls about (n, 3) centres, [m]; coarser where there are many."""
     points, faces = _OCTAHEDRON, _OCTANTS
-    for _ in range(2 if len(centres) <= _MANY else 1):
+    for _ in range(int(np.searchsorted((-_VERY_MANY, -_MANY), -len(centres), side="right"))):
         points, faces = _finer(points, faces)
     return _stamped(radius * points, faces, centres)
 
@@ -110,7 +110,8 @@ def draw_targets(node: Any, scene: Scene) -> None:
 def draw_pose_targets(node: Any, scene: Scene) -> None:
     """The marks of the pose shown."""
     radius, middle = POSE_SIZE * scene.ball, np.zeros((1, 3))
-    for number, mark in enumerate(scene.marks, start=1):
+    for index in scene.moving:
+        number, mark = index + 1, scene.marks[index]
         node[f"line_{number}"].set_object(unit_beam(_LINE * scene.width), flat(MISSING))
         if not mark.is_point:
             for axis, colour in enumerate(AXES):

@@ -21,8 +21,9 @@ def move_targets(viewer: Any, clips: Clips, scene: Scene, keys: KeyFrames) -> No
     """Marks of the pose shown; they jump half way between two poses."""
     times, rows = jumps(keys)
     placed = scene.solid.rig.instruments.placed
-    for index, mark in enumerate(scene.marks):
-        own, number = mark.read[rows], index + 1
+    for index in scene.moving:
+        mark, number = scene.marks[index], index + 1
+        own = mark.read[rows]
         _put_mark(viewer, clips, f"line_{number}", times, *_lines(own, sight_of(mark, placed)))
         if mark.axes is not None:
             _put_mark(viewer, clips, f"axes_{number}", times, own, _quaternions(mark, rows), _unit(own))

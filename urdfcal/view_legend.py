@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from urdfcal.geometry import MM, Matrix
+from urdfcal.geometry import MM
 from urdfcal.key_frames import Rows
 from urdfcal.scene import FINE, Scene
 from urdfcal.scene_marks import CALIBRATED, MEASURED, MISSING, NOMINAL, beam_colour
@@ -65,8 +65,8 @@ def _laser_layers(scene: Scene, both: bool) -> list[Layer]:
 
 
 def _target_layers(scene: Scene, both: bool) -> list[Layer]:
-    numbers = [number for number, mark in enumerate(scene.marks, start=1) if mark.is_point]
-    turned = [number for number, mark in enumerate(scene.marks, start=1) if not mark.is_point]
+    numbers = [index + 1 for index in scene.moving if scene.marks[index].is_point]
+    turned = [index + 1 for index in scene.moving if not scene.marks[index].is_point]
 
     def paths(name: str) -> tuple[str, ...]:
         return (f"frame/marks/{name}", *(f"frame/pose/{name}_{number}" for number in numbers))
@@ -179,16 +179,12 @@ def _table(scene: Scene) -> str:
     for row, compared in enumerate(scene.compared):
         cells = "".join(f'<td id="error-{row}-{phase}"></td>' for phase in range(len(names)))
         if len(groups) > 1:
-            cells += "".join(f"<td>{_mean(errors)}</td>" for errors in compared.phases)
+            cells += "".join(f"<td>{_number(mean)}</td>" for mean in compared.means)
         unit = f", {compared.unit}" if compared.unit != "mm" else ""
         body += f"<tr><th>{escape(compared.name)}{unit}</th>{cells}</tr>"
     head = f"<thead><tr><th></th>{titles}</tr><tr><th></th>{heads}</tr></thead>"
     what = "From measured to predicted" if scene.targets else "Distance from measured to predicted spot"
     return f"<h2>{what} in mm</h2><table>{head}<tbody>{body}</tbody></table>"
-
-
-def _mean(errors: Matrix) -> str:
-    return _number(float(np.nanmean(errors))) if np.isfinite(errors).any() else "–"
 
 
 def _number(error: float) -> str:
