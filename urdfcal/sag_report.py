@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MRAD = 1e-3
 _WORTH_IT = 3.0  # of log evidence, under which sag explains nothing
+_NO_GAIN = 0.99  # of the held-out error, above which it gains nothing
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,11 @@ def _twists_at_tool(sag: SagFit) -> Matrix:
     return np.concatenate([twists[:, :3] - skew(point) @ twists[:, 3:], twists[:, 3:]], axis=1)
 
 
+def worth_it(sag: SagFit) -> bool:
+    """Whether a compensation would be worth its trouble: the data ask for it, and poses that were not fitted gain by it."""
+    return sag.gain > _WORTH_IT and (sag.held_out is None or sag.held_out.ratio < _NO_GAIN)
+
+
 def sag_words(sag: SagFit) -> str:
     """What sag gains, in a line."""
     kind = "generic masses" if sag.softness.weighed.generic else "the URDF's masses"
@@ -87,8 +93,10 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
     blocks: list[RenderableType] = ["", f"Sag: {sag_words(sag)}"]
     if sag.dropped:
         blocks.append(f"left out, since the data do not ask for it: {', '.join(sag.dropped)}")
-    if sag.gain < _WORTH_IT and not written:
-        return [*blocks, "  so little that it is not worth a compensation"]
+    if not worth_it(sag):
+        blocks.append("  not worth a compensation" + (", which was written all the same" if written else ""))
+        if not written:
+            return blocks
     table = figures_table("joint")
     for name in ("largest deflection\nmrad", "moves the tool by\nmm"):
         table.add_column(name, justify="right")
@@ -120,6 +128,7 @@ def sag_json(sag: SagFit) -> dict[str, Any]:
         "held_out": None if held is None else {"geometry_mm": held.geometry, "sag_mm": held.sag, "folds": held.folds},
         "parameters": [{"name": name, "value": value, "sigma": sigma, "unit": "rad"} for name, (value, sigma) in sag.soft_values.items()],
         "deflections": [{"joint": each.joint, "mrad": each.mrad, "tool_mm": each.tool_mm} for each in deflections(sag)],
+        "worth_it": worth_it(sag),
         "dropped": list(sag.dropped),
         "warnings": list(sag.warnings),
     }

@@ -68,7 +68,7 @@ def main() -> None:
     """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=100)
-    parser.add_argument("--arm", default="ur5", help="a folder of robots/ (default ur5); of other arms than six-joint ones no factory truths")
+    parser.add_argument("--arm", default="ur5", help="a folder of robots/ (default ur5); factory truths are of that one alone")
     parser.add_argument("--poses", type=int, nargs="+", default=[20, 30, 60, 200])
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     arguments = parser.parse_args()

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
-from second_witness import DEG, MM, link_poses, moved_urdf, random_delta, observations_of, transform
+from second_witness import DEG, MM, link_poses, moved_urdf, observations_of, random_delta, transform
 
 import urdfcal
 from urdfcal.simulation import draw_poses, random_truth
