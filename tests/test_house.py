@@ -63,7 +63,7 @@ def test_start_up_loads_nothing_heavy(statement: str) -> None:
 
 def test_an_ekf_fit_does_not_load_scipy() -> None:
     """The default road of `fit` stays off scipy, which takes longer to load than the fit takes."""
-    modules = "urdfcal.calibration, urdfcal.cli, urdfcal.report, urdfcal.validation, urdfcal.extras, urdfcal.report_files"
+    modules = "urdfcal.calibration, urdfcal.cli, urdfcal.report, urdfcal.validation, urdfcal.extras, urdfcal.reporting.report_files"
     code = f"import {modules}, sys; print(*sorted({{'scipy', 'cv2', 'matplotlib', 'meshcat', 'yourdfpy'}} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []

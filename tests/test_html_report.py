@@ -18,12 +18,12 @@ from urdfcal.errors import UsageError
 from urdfcal.fit_result import FitResult
 from urdfcal.measurement_file import read_measurements
 from urdfcal.measurements import measurements_from
-from urdfcal.report_content import report_of
-from urdfcal.report_files import write_report
-from urdfcal.residuals import residuals_of, spread, suspects
+from urdfcal.reporting.report_content import report_of
+from urdfcal.reporting.report_files import write_report
+from urdfcal.reporting.residuals import residuals_of, spread, suspects
+from urdfcal.reporting.verdict import verdict_of
 from urdfcal.robot import Robot
 from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
-from urdfcal.verdict import verdict_of
 
 COMMAND = ["/somewhere/urdfcal", "fit", "robot.urdf", "two words.csv"]
 Written = Callable[[FitResult, str], str]

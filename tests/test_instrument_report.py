@@ -15,18 +15,18 @@ from tests.sensor_cases import CASES, NOISE, setup_of
 from urdfcal.calibration import Calibration, fit
 from urdfcal.check import check
 from urdfcal.check_report import check_blocks, check_json
-from urdfcal.html_report import page
 from urdfcal.instrument_report import length_entries, parameters_in_words, place_entries
-from urdfcal.markdown_report import markdown
-from urdfcal.reading_residuals import chance_beyond, chi_squared_median, reading_residuals, reading_suspects
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.readings import known_lengths
 from urdfcal.report import as_text, calibration_json, text_report
-from urdfcal.report_content import Report, report_of
+from urdfcal.reporting.html_report import page
+from urdfcal.reporting.markdown_report import markdown
+from urdfcal.reporting.reading_residuals import chance_beyond, chi_squared_median, reading_residuals, reading_suspects
+from urdfcal.reporting.report_content import Report, report_of
+from urdfcal.reporting.verdict import verdict_of
 from urdfcal.robot import Robot
 from urdfcal.robust import squared_distances
 from urdfcal.spot_model import SpotModel
-from urdfcal.verdict import verdict_of
 
 COMMAND = ["urdfcal", "fit", "robot.urdf", "poses.csv"]
 

@@ -17,17 +17,17 @@ from tests.sensor_cases import CASES, SINGLE, setup_of
 from urdfcal.evaluation import as_measured, evaluate
 from urdfcal.geometry import MM, Matrix
 from urdfcal.instruments import Grid
-from urdfcal.key_frames import MOST_POSES, key_frames
 from urdfcal.measurement_file import write_measurements
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.reading_simulation import ReadingNoise, simulate_readings
 from urdfcal.readings import Readings
 from urdfcal.robot import Robot, load_robot, robot_from
-from urdfcal.scene import Scene, frame_placements
 from urdfcal.simulation import draw_poses, random_truth
-from urdfcal.target_marks import arrows, balls, crosses
-from urdfcal.target_scene import Mark
 from urdfcal.urdf_writer import with_origins
+from urdfcal.view.key_frames import MOST_POSES, key_frames
+from urdfcal.view.scene import Scene, frame_placements
+from urdfcal.view.target_marks import arrows, balls, crosses
+from urdfcal.view.target_scene import Mark
 from urdfcal.viewer import view_of
 from urdfcal.vision.camera_model import Camera
 from urdfcal.whole_robot import whole_configurations

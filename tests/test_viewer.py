@@ -27,15 +27,15 @@ from tests.helpers import ROBOTS, assert_poses_close
 from tests.small_robot import URDF, robot_of
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
-from urdfcal.key_frames import MOST_POSES, key_frames
 from urdfcal.measurements import Measurements, measurements_from
-from urdfcal.meshcat_parts import umsgpack
 from urdfcal.robot import Robot, robot_from
-from urdfcal.robot_shapes import robot_shapes
-from urdfcal.scene import Scene, beams_of, screen_placements
-from urdfcal.scene_nodes import mirror
 from urdfcal.simulation import ScreenArea, draw_poses, joint_limits, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
+from urdfcal.view.key_frames import MOST_POSES, key_frames
+from urdfcal.view.meshcat_parts import umsgpack
+from urdfcal.view.robot_shapes import robot_shapes
+from urdfcal.view.scene import Scene, beams_of, screen_placements
+from urdfcal.view.scene_nodes import mirror
 from urdfcal.viewer import View, view_of
 from urdfcal.whole_robot import whole_configurations
 

@@ -23,9 +23,9 @@ from urdfcal.geometry import Matrix, Vector
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.robot import Robot, robot_from
-from urdfcal.scene import frame_placements
 from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, random_truth, simulate
 from urdfcal.urdf_writer import with_origins
+from urdfcal.view.scene import frame_placements
 from urdfcal.viewer import View, view_of
 from urdfcal.whole_robot import whole_configurations
 

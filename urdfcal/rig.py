@@ -32,9 +32,7 @@ class Rig:
     instruments: Instruments = NONE
 
 
-def find_rig(
-    tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | None = None, instruments: Instruments | None = None
-) -> Rig:
+def find_rig(tree: UrdfTree, screen: str | None = None, lasers: Sequence[str] | None = None, instruments: Instruments | None = None) -> Rig:
     """Find screen, lasers and module; without lasers (an empty sequence) the way leads from the reference to the farthest target.
 
     Raises:

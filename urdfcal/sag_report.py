@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.document import Section, Table
 from urdfcal.geometry import MM, Matrix
 from urdfcal.report import figures_table, titled
 from urdfcal.sag import SagFit
@@ -104,17 +103,6 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
         table.add_row(each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}")
     said = f"written to {written}" if written else "not in the URDF, which is that of geometry alone; --compensation FILE.yaml writes it"
     return [*blocks, "", titled(f"Deflections at the fitted poses ({said})", table)]
-
-
-def sag_section(sag: SagFit | None) -> Section | None:
-    """For a report."""
-    if sag is None:
-        return None
-    rows = tuple((each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}") for each in deflections(sag))
-    table = Table(("joint", "largest deflection in mrad", "moves the tool by mm"), rows)
-    words = sag_words(sag)
-    text = "Not in the calibrated URDF, which is that of geometry alone: --compensation writes it, beside a URDF of its own."
-    return Section("sag", "Sag under gravity", (f"{words[0].upper()}{words[1:]}.", text, table))
 
 
 def sag_json(sag: SagFit) -> dict[str, Any]:

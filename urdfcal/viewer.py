@@ -22,10 +22,10 @@ from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots, in_pixels, require_screen_of_camera
 from urdfcal.rig import lasers_by_name
 from urdfcal.robot import Robot
-from urdfcal.robot_shapes import Shapes, robot_shapes
-from urdfcal.scene import Scene
 from urdfcal.simulation import draw_poses, joint_limits
-from urdfcal.view_server import PageServer
+from urdfcal.view.robot_shapes import Shapes, robot_shapes
+from urdfcal.view.scene import Scene
+from urdfcal.view.view_server import PageServer
 
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
@@ -46,7 +46,7 @@ class View:
     @cached_property
     def html(self) -> str:
         """One page that needs nothing else, no network either."""
-        from urdfcal.view_page import page_of
+        from urdfcal.view.view_page import page_of
 
         return page_of(self.scene, self.shapes)
 

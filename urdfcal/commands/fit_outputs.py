@@ -13,7 +13,7 @@ import numpy as np
 from urdfcal.errors import UsageError
 from urdfcal.formats import Deployment, deployment
 from urdfcal.gravity import Gravity, parse_gravity, parse_payload
-from urdfcal.report_files import report_bytes, require_report_ending
+from urdfcal.reporting.report_files import report_bytes, require_report_ending
 from urdfcal.softness import EXTRAS
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from urdfcal.measurements import Labels, Mask, Measurements
 from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.nominal import with_new_places
 from urdfcal.readings import Readings
-from urdfcal.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
+from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
 
 Rows = npt.NDArray[np.intp]

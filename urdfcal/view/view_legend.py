@@ -8,10 +8,10 @@ from html import escape
 import numpy as np
 
 from urdfcal.geometry import MM
-from urdfcal.key_frames import Rows
-from urdfcal.scene import FINE, Scene
-from urdfcal.scene_marks import CALIBRATED, MEASURED, MISSING, NOMINAL, beam_colour
-from urdfcal.view_swatches import arrow, beams, box, cross, css, disc, grid, line, ring, triad
+from urdfcal.view.key_frames import Rows
+from urdfcal.view.scene import FINE, Scene
+from urdfcal.view.scene_marks import CALIBRATED, MEASURED, MISSING, NOMINAL, beam_colour
+from urdfcal.view.view_swatches import arrow, beams, box, cross, css, disc, grid, line, ring, triad
 
 _READ = {  # what the balls are
     "point": "point, measured",

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from urdfcal.geometry import MM, Array3, Matrix, Vector
-from urdfcal.key_frames import Rows
-from urdfcal.meshcat_parts import Plane, mg
-from urdfcal.scene import FINE, Scene, Sheet
+from urdfcal.view.key_frames import Rows
+from urdfcal.view.meshcat_parts import Plane, mg
+from urdfcal.view.scene import FINE, Scene, Sheet
 
 MEASURED, NOMINAL, CALIBRATED, ERROR = 0x3A8EE6, 0xE06C00, 0x008A60, 0x1B2026
 BEAMS = (0xE3242B, 0xB5179E, 0x8D4B00, 0x3D5AFE)

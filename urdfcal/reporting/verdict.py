@@ -11,7 +11,7 @@ from urdfcal.error_model import INSTRUMENTS
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.fit_result import FitResult
 from urdfcal.instrument_report import noise_in_words
-from urdfcal.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
+from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 
 Level = Literal["good", "warn", "bad"]
 

@@ -10,7 +10,7 @@ import gzip
 import json
 from typing import Any
 
-from urdfcal.meshcat_parts import Visualizer, umsgpack
+from urdfcal.view.meshcat_parts import Visualizer, umsgpack
 
 _REFERENCES = {"uuid", "geometry", "material", "map", "image"}
 

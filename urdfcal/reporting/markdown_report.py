@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 
-from urdfcal.document import Block, Gallery, Points, Table
-from urdfcal.report_content import Report
-from urdfcal.verdict import Level
+from urdfcal.reporting.document import Block, Gallery, Points, Table
+from urdfcal.reporting.report_content import Report
+from urdfcal.reporting.verdict import Level
 
 _MARKS: dict[Level, str] = {"good": "OK", "warn": "NOTE", "bad": "NO"}
 

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from urdfcal.geometry import Array3, Matrix, Vector
-from urdfcal.key_frames import Rows
-from urdfcal.meshcat_parts import mg
-from urdfcal.scene import Scene
-from urdfcal.scene_marks import CALIBRATED, ERROR, MEASURED, MISSING, NOMINAL, flat, seen_through, segments, unit_beam
-from urdfcal.target_scene import Mark, Plane
+from urdfcal.view.key_frames import Rows
+from urdfcal.view.meshcat_parts import mg
+from urdfcal.view.scene import Scene
+from urdfcal.view.scene_marks import CALIBRATED, ERROR, MEASURED, MISSING, NOMINAL, flat, seen_through, segments, unit_beam
+from urdfcal.view.target_scene import Mark, Plane
 
 AXES = (0xD0342C, 0x2E9E3F, 0x2F5FD0)  # x, y, z
 PLANE = 0x8FB8DE

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.geometry import Array3, Matrix, Vector
-from urdfcal.reading_residuals import AT_PLACES, ReadingResiduals
-from urdfcal.residuals import Suspect
-from urdfcal.spot_plots import (
+from urdfcal.reporting.reading_residuals import AT_PLACES, ReadingResiduals
+from urdfcal.reporting.residuals import Suspect
+from urdfcal.reporting.spot_plots import (
     MOST_LABELS,
     arrow_lines,
     distance_bins,
@@ -20,7 +20,7 @@ from urdfcal.spot_plots import (
     magnification,
     thinned_rows,
 )
-from urdfcal.svg_plots import DASHES, INK, MARKERS, SANE, SERIES, Picture, draw_picture
+from urdfcal.reporting.svg_plots import DASHES, INK, MARKERS, SANE, SERIES, Picture, draw_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,16 +6,16 @@ import re
 from collections.abc import Sequence
 from html import escape
 
-from urdfcal.document import Block, Cell, Gallery, Points, Section, Share, Table
 from urdfcal.fit_result import FitResult
 from urdfcal.instrument_report import measuring_frame
-from urdfcal.page_style import STYLE
-from urdfcal.parameter_plots import convergence_pictures, value_pictures
-from urdfcal.reading_plots import component_pictures, consistency_pictures, place_pictures, size_pictures
-from urdfcal.report_content import Report
-from urdfcal.spot_plots import histogram_pictures, screen_pictures
-from urdfcal.svg_plots import Picture, house_style
-from urdfcal.verdict import Finding, Level
+from urdfcal.reporting.document import Block, Cell, Gallery, Points, Section, Share, Table
+from urdfcal.reporting.page_style import STYLE
+from urdfcal.reporting.parameter_plots import convergence_pictures, value_pictures
+from urdfcal.reporting.reading_plots import component_pictures, consistency_pictures, place_pictures, size_pictures
+from urdfcal.reporting.report_content import Report
+from urdfcal.reporting.spot_plots import histogram_pictures, screen_pictures
+from urdfcal.reporting.svg_plots import Picture, house_style
+from urdfcal.reporting.verdict import Finding, Level
 
 _MARKS: dict[Level, tuple[str, str]] = {"good": ("✓", "good"), "warn": ("!", "to be noted"), "bad": ("✕", "bad")}
 

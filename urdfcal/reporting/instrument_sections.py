@@ -6,12 +6,14 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from urdfcal.document import Block, Cell, Gallery, Section, Table
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM
 from urdfcal.instrument_report import frame_entries, length_entries, measuring_frame, place_entries
-from urdfcal.reading_plots import MOST_PLACES, PlaceScatter, scatter_of_places
-from urdfcal.reading_residuals import ReadingResiduals
+from urdfcal.reporting.document import Block, Cell, Gallery, Section, Table
+from urdfcal.reporting.reading_plots import MOST_PLACES, PlaceScatter, scatter_of_places
+from urdfcal.reporting.reading_residuals import ReadingResiduals
+from urdfcal.sag import SagFit
+from urdfcal.sag_report import deflections, sag_words
 
 _COLUMNS = ("frame", "on link", "x", "y", "z", "sigma", "roll", "pitch", "yaw", "sigma")
 
@@ -82,3 +84,14 @@ def _positions(calibration: FitResult) -> dict[str, list[float]]:
 def _length_row(entry: dict[str, Any]) -> tuple[Cell, ...]:
     between = " – ".join(entry[end].partition(":")[2] for end in ("one", "other"))
     return (between, fixed(entry["known"] / MM), fixed(entry["found"] / MM), fixed(entry["sigma"] / MM))
+
+
+def sag_section(sag: SagFit | None) -> Section | None:
+    """For a report."""
+    if sag is None:
+        return None
+    rows = tuple((each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}") for each in deflections(sag))
+    table = Table(("joint", "largest deflection in mrad", "moves the tool by mm"), rows)
+    words = sag_words(sag)
+    text = "Not in the calibrated URDF, which is that of geometry alone: --compensation writes it, beside a URDF of its own."
+    return Section("sag", "Sag under gravity", (f"{words[0].upper()}{words[1:]}.", text, table))

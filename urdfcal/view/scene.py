@@ -18,7 +18,7 @@ from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.robot import Robot
 from urdfcal.sensors import LEAST_ZX, spots_on_screen
-from urdfcal.target_scene import Mark, PlacedTargets, placed_targets
+from urdfcal.view.target_scene import Mark, PlacedTargets, placed_targets
 
 _FAR = 1.1  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
 _LEAST_SHEET = 0.6  # [m]

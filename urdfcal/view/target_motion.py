@@ -8,11 +8,11 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import Matrix, Vector, Z
-from urdfcal.key_frames import Clips, KeyFrames, Rows, jumps
-from urdfcal.scene import Scene
-from urdfcal.scene_nodes import HIDDEN, put, turns
-from urdfcal.target_marks import POSE_SIZE, sight_of
-from urdfcal.target_scene import Mark
+from urdfcal.view.key_frames import Clips, KeyFrames, Rows, jumps
+from urdfcal.view.scene import Scene
+from urdfcal.view.scene_nodes import HIDDEN, put, turns
+from urdfcal.view.target_marks import POSE_SIZE, sight_of
+from urdfcal.view.target_scene import Mark
 
 _STILL = np.array([0.0, 0.0, 0.0, 1.0])
 

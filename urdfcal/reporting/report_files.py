@@ -10,8 +10,9 @@ from urdfcal.errors import UsageError
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
 from urdfcal.report import calibration_json
+from urdfcal.reporting.instrument_sections import sag_section
 from urdfcal.sag import SagFit
-from urdfcal.sag_report import sag_json, sag_section
+from urdfcal.sag_report import sag_json
 
 ENDINGS = (".html", ".md", ".json")
 
@@ -52,15 +53,15 @@ def require_report_ending(path: Path) -> None:
 
 
 def _html(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
-    from urdfcal.html_report import page
-    from urdfcal.report_content import report_of
+    from urdfcal.reporting.html_report import page
+    from urdfcal.reporting.report_content import report_of
 
     return page(report_of(calibration, command, sag_section(sag)), calibration)
 
 
 def _markdown(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
-    from urdfcal.markdown_report import markdown
-    from urdfcal.report_content import report_of
+    from urdfcal.reporting.markdown_report import markdown
+    from urdfcal.reporting.report_content import report_of
 
     return markdown(report_of(calibration, command, sag_section(sag)))
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import SE3, Matrix, Vector
-from urdfcal.key_frames import Clips
+from urdfcal.view.key_frames import Clips
 
 HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
 

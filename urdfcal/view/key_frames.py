@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.geometry import Array3, Matrix, Vector
-from urdfcal.scene import Scene
+from urdfcal.view.scene import Scene
 
 Rows = npt.NDArray[np.intp]
 

@@ -13,7 +13,7 @@ from urdfcal.fit_result import FitResult
 from urdfcal.geometry import Matrix
 from urdfcal.instrument_report import first_kind
 from urdfcal.report import displayed
-from urdfcal.svg_plots import BAND, DASHES, INK, MARKERS, SERIES, Picture, draw_picture, sane
+from urdfcal.reporting.svg_plots import BAND, DASHES, INK, MARKERS, SERIES, Picture, draw_picture, sane
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

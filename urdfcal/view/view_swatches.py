@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from urdfcal.scene_marks import ERROR, GRID, SHEET, beam_colour
+from urdfcal.view.scene_marks import ERROR, GRID, SHEET, beam_colour
 
 
 def css(colour: int) -> str:

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import MM, Matrix, Vector, Z
-from urdfcal.key_frames import Clips, KeyFrames, Rows, jumps
 from urdfcal.measurements import Mask
 from urdfcal.robot import Robot
-from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Beams, Scene, beams_of, frame_placements, screen_placements
-from urdfcal.scene_marks import (
+from urdfcal.view.key_frames import Clips, KeyFrames, Rows, jumps
+from urdfcal.view.robot_shapes import Shapes
+from urdfcal.view.scene import Beams, Scene, beams_of, frame_placements, screen_placements
+from urdfcal.view.scene_marks import (
     CALIBRATED,
     ERROR,
     LAYERS,
@@ -30,8 +30,8 @@ from urdfcal.scene_marks import (
     unit_arrow,
     unit_beam,
 )
-from urdfcal.scene_nodes import HIDDEN, place, put, turns
-from urdfcal.target_motion import move_targets
+from urdfcal.view.scene_nodes import HIDDEN, place, put, turns
+from urdfcal.view.target_motion import move_targets
 from urdfcal.whole_robot import whole_configurations
 
 _MISS = 0.6  # length of a beam that misses, over the size of the scene

@@ -13,15 +13,15 @@ import pinocchio as pin
 
 from urdfcal import __version__
 from urdfcal.calibration_file import sha256
-from urdfcal.document import Table
 from urdfcal.error_model import FLAT
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG
 from urdfcal.instrument_report import noise_in_words, rig_in_words
 from urdfcal.measurements import Measurements
 from urdfcal.report import displayed
-from urdfcal.residuals import honest_covariance
-from urdfcal.verdict import count_of
+from urdfcal.reporting.document import Table
+from urdfcal.reporting.residuals import honest_covariance
+from urdfcal.reporting.verdict import count_of
 
 _KINDS = {"reference": "measuring frame", "target": "targets", "place": "places"}
 

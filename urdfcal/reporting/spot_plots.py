@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.geometry import MM, Array3, Matrix, Vector
-from urdfcal.residuals import SpotResiduals, Suspect
-from urdfcal.svg_plots import DASHES, INK, MARKERS, SANE, SERIES, Picture, draw_picture
+from urdfcal.reporting.residuals import SpotResiduals, Suspect
+from urdfcal.reporting.svg_plots import DASHES, INK, MARKERS, SANE, SERIES, Picture, draw_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

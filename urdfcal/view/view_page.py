@@ -11,18 +11,18 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.geometry import SE3, Matrix, Vector
-from urdfcal.key_frames import KeyFrames, Rows, SetClips, key_frames
-from urdfcal.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
 from urdfcal.robot import Robot
-from urdfcal.robot_shapes import Shapes
-from urdfcal.scene import Scene, Sheet, frame_placements, screen_placements
-from urdfcal.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
-from urdfcal.scene_motion import draw_motion, draw_pose_marks
-from urdfcal.target_marks import draw_pose_targets, draw_targets
-from urdfcal.view_camera import choose_direction
-from urdfcal.view_legend import panel_html, pose_entries
-from urdfcal.view_recorder import Recorder
-from urdfcal.view_style import SCRIPT, STYLE
+from urdfcal.view.key_frames import KeyFrames, Rows, SetClips, key_frames
+from urdfcal.view.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
+from urdfcal.view.robot_shapes import Shapes
+from urdfcal.view.scene import Scene, Sheet, frame_placements, screen_placements
+from urdfcal.view.scene_marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
+from urdfcal.view.scene_motion import draw_motion, draw_pose_marks
+from urdfcal.view.target_marks import draw_pose_targets, draw_targets
+from urdfcal.view.view_camera import choose_direction
+from urdfcal.view.view_legend import panel_html, pose_entries
+from urdfcal.view.view_recorder import Recorder
+from urdfcal.view.view_style import SCRIPT, STYLE
 from urdfcal.whole_robot import whole_configurations
 
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
