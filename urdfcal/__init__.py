@@ -84,3 +84,8 @@ def __getattr__(name: str) -> Any:
     value = getattr(import_module(f"urdfcal.{_HOME[name]}"), _OTHER_NAMES.get(name, name))
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    """What there is, loaded or not."""
+    return sorted({*globals(), *__all__})

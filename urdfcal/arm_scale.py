@@ -29,8 +29,8 @@ def with_scale(errors: ErrorModel, data: Measurements) -> tuple[ErrorModel, str]
     if not whole:
         return errors, ""
     words = (
-        "touches alone leave the arm's overall scale open, so it is held as the URDF has it; a known distance between two sockets "
-        "in rig.yaml gives it (sockets: {distances_mm: {'a - b': 50}})"
+        "touches alone leave the arm's overall scale open, so it is held as the URDF has it, and all lengths are sure only as far as that "
+        "holds; two sockets a known distance apart would give it (rig.yaml: sockets: {distances_mm: {'a - b': 50}})"
     )
     return replace(errors, held_sum={name: length / whole for name, length in lengths.items()}), words
 

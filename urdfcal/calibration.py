@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from urdfcal.viewer import View
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Calibration(FitResult):
     """What a fit found, and what can be done with it."""
 
@@ -191,7 +191,8 @@ def fit(
         errors, found, chosen = _by_evidence(model, method, errors, noise, found, options)
     here = model.linearise(found.belief.x)
     seen = _decided(here, found, stated_errors, chosen)
-    freedom = here.count - len(errors.names) + float(np.sum(np.diag(found.belief.P) / errors.sigma**2))
+    plain = posterior(here, Belief(errors.mean, np.diag(errors.sigma**2)), found.noise)  # without what is unsure of the scales
+    freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
     misfit = _misfit(method, found.noise, here, freedom)
     calibration = Calibration(
         robot=robot,
@@ -200,6 +201,7 @@ def fit(
         identifiability=seen,
         before=nominal.table(fit_set),
         nominal=nominal,
+        freedom=freedom,
         outliers=clean.outliers,
         evidence=chosen,
         after=error_table(here, len(fit_set)),
@@ -233,6 +235,7 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
         raise UsageError(
             f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
         )
+    _require_same_instruments(calibration, test)
     joints = bool(np.any(calibration.estimate.noise.joint_sigma))
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
     model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
@@ -276,6 +279,22 @@ def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:
             f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "
             f"the robot has {', '.join(robot.chain.input_names)} and {', '.join(robot.rig.lasers)}"
         )
+
+
+def _require_same_instruments(calibration: Calibration, test: Measurements) -> None:
+    """Refuse test poses that were measured with something that the fit knows nothing of.
+
+    Raises:
+        UsageError: names it.
+    """
+    known = {frame.name for frame in calibration.errors.chain.frames}
+    strange = [target.name for target in test.instruments.targets if target.name not in known]
+    fitted = calibration.data
+    pixels = [any(data.of_laser(each) for each in data.readings) for data in (test, fitted)]
+    if test.joints != fitted.joints or test.lasers != fitted.lasers or pixels == [True, False]:
+        strange = strange or ["other joints or lasers"]
+    if strange:
+        raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
 
 
 def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:

@@ -22,6 +22,7 @@ from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
 from urdfcal.robot import Robot
+from urdfcal.spot_model import kinds_of
 from urdfcal.urdf_tree import FARTHEST
 
 Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
@@ -171,8 +172,9 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
             "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         },
         "noise": {
-            "spot_sigma_mm": noise.spot_sigma / MM,
+            "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
             "spot_sigma_stated": noise.all_stated,
+            "sigma": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
             "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
         },
         "joints": joint_entries(calibration.corrections),

@@ -35,6 +35,7 @@ from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.instruments import Instruments, Target
 from urdfcal.robot import Robot, load_robot, robot_from
 from urdfcal.softness import Softness, Term, is_known
+from urdfcal.whole_robot import whole_configurations
 
 _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would move
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
@@ -85,6 +86,18 @@ class Compensation:
         rows = self._checked(q)
         corrected = rows + self._deflection(rows, self._masses(payload, len(rows)))
         return np.asarray(corrected[0] if np.ndim(q) == 1 else corrected)
+
+    def whole(self, q: Matrix | Vector) -> Matrix:
+        """Configurations of `model` for positions of the calibrated joints; joints that were not measured stay at neutral.
+
+        Args:
+            q: (n, joints) or (joints,), as `corrected_configuration` gives them.
+
+        Returns:
+            (n, model.nq), or (model.nq,).
+        """
+        rows = whole_configurations(self.robot, self._checked(q))
+        return np.asarray(rows[0] if np.ndim(q) == 1 else rows)
 
     def command(self, q_wanted: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
         """What to command so that the arm is where the calibrated model is at q_wanted.

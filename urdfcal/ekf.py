@@ -167,7 +167,7 @@ def iterated_schedule(
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
         if not settled and sigmas < _NEARLY:
             better = noise.estimated(here, degrees_of_freedom(here, H, belief))
-            settled, noise, last = better.close_to(noise), better, 0.0
+            settled, noise, last = better.close_to(noise, here), better, 0.0
         elif left < tolerance or np.abs(step).max() < _STANDSTILL:
             return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
         else:

@@ -60,7 +60,9 @@ def noise_of(data: Measurements, spot_sigma: float | None, joint_sigma: Vector) 
         own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
         if name == "spot" and spot_sigma is not None:
             sigma[kind], stated[kind] = spot_sigma, True
-        elif len(own) and np.isfinite(own).all():
+        elif not len(own):  # nothing to estimate it from, and nothing that it matters to
+            stated[kind] = True
+        elif np.isfinite(own).all():
             sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
     return Noise(sigma, joint_sigma, stated)
 

@@ -33,7 +33,7 @@ import numpy as np
 from urdfcal.ekf import Belief, Estimate, Linearise, iterated_schedule
 from urdfcal.error_model import ErrorModel, Parameter
 from urdfcal.geometry import Matrix, Vector
-from urdfcal.noise import Noise
+from urdfcal.noise import LEAST_FREEDOM, Noise
 
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
 SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
@@ -129,7 +129,7 @@ def _chosen(
     members = {group: np.array([own == group for own in groups]) for group in scales}
     A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
-    fixed = noise.stated | (np.array([each.count for each in sums]) == 0)
+    fixed = np.append(noise.stated, True) | (np.array([each.count for each in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
         sigma = np.array([scales[group] if group else parameter.sigma for group, parameter in zip(groups, errors.parameters, strict=True)])
         P = np.linalg.inv(np.tensordot(factor**-2, A, 1) + np.diag(1 / sigma**2))
@@ -143,7 +143,7 @@ def _chosen(
         factor = np.asarray(np.where(fixed, factor, own_factors))
         if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:
             break
-    return scales, noise.times(factor)
+    return scales, noise.times(factor[:-1])
 
 
 @dataclass(frozen=True)
@@ -158,18 +158,22 @@ class _Sums:
     def factor(self, dx: Vector, P: Matrix, size: float) -> float:
         """How many times larger its noise is, by the misfit over its degrees of freedom."""
         freedom = self.count - float(np.sum(P * self.A)) / size**2
+        if freedom < LEAST_FREEDOM:  # too few to tell
+            return size
         misfit = float(self.c - 2 * self.b @ dx + dx @ self.A @ dx)
-        return float(np.sqrt(max(misfit, 1e-12 * self.c) / max(freedom, 1.0)))
+        return float(np.sqrt(max(misfit, 1e-12 * self.c) / freedom))
 
 
 def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
+    """One for each kind of noise, and a last one for what states its own."""
     here = linearise(x)
     weights = noise.weights(here)
     J, r = weights.jacobian(here), weights.residual(here)
-    y, counts = r + J @ (x - mean), here.counts
-    if len(counts) == 1:
-        return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0]))]
-    kinds = np.tile(here.kinds, len(here.residual))
+    y, stated = r + J @ (x - mean), ~np.isnan(here.stated_sigma)
+    kinds = np.where(stated, len(here.counts), here.kinds).ravel()
+    counts = np.bincount(kinds[np.asarray(here.measured).ravel()], minlength=len(here.counts) + 1)
+    if len(here.counts) == 1 and not stated.any():
+        return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0])), _Sums(np.zeros((len(x), len(x))), np.zeros(len(x)), 0.0, 0.0)]
     own = [kinds == kind for kind in range(len(counts))]
     return [_Sums(J[k].T @ J[k], J[k].T @ y[k], float(y[k] @ y[k]), float(count)) for k, count in zip(own, counts, strict=True)]
 

@@ -9,21 +9,22 @@ import numpy as np
 
 from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
-from urdfcal.error_model import ErrorModel
+from urdfcal.error_model import FLAT, ErrorModel
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
-from urdfcal.geometry import MM, Matrix, Vector
+from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
 from urdfcal.nominal import NominalFit
 from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
 
+_MOST_TURN = 60 * DEG  # joint errors beyond are a mistake somewhere
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FitResult:
     """What a fit found, as data; nothing in it is ever changed.
 
@@ -35,6 +36,7 @@ class FitResult:
         before, after: Spot distances of the fitted poses with the nominal and with the calibrated robot.
         test: The same of the test poses, if there are any: (before, after).
         chi_squared: Squared whitened residuals over their degrees of freedom.
+        freedom: Those degrees: numbers measured or known beforehand, less the parameters that they decide.
         data: The poses that were fitted.
         test_data: The poses that were only tested.
         estimator: Estimator and schedule.
@@ -43,6 +45,7 @@ class FitResult:
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
         test_outliers: Gross outliers among the test poses, left out of their table.
+        folds: Distances before and after of poses that were left out in turn, and how many fits that took; None if it was not asked.
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
     """
 
@@ -59,10 +62,12 @@ class FitResult:
     estimator: str
     error_model: str
     nominal: NominalFit
+    freedom: float
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
     test_outliers: tuple[Outlier, ...] = ()
+    folds: tuple[SpotTable, SpotTable, int] | None = None
 
     @property
     def x(self) -> Vector:
@@ -103,6 +108,8 @@ class FitResult:
         """Why the result must not be trusted, or the empty string."""
         if not self.converged:
             return f"the fit did not converge: {self.stop_reason}"
+        if self._turned:
+            return f"{self._turned}, and no robot is made so; check the URDF, the joints' units and signs, and the axes that were measured"
         before, after = rms_mm(self.before), rms_mm(self.after)
         if not after < before:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
@@ -112,6 +119,24 @@ class FitResult:
                 f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
             )
         return ""
+
+    @property
+    def _turned(self) -> str:
+        """A joint that the fit turns by an angle that no robot is wrong by, unless its prior is flat."""
+        for parameter, value in zip(self.errors.parameters, self.x.tolist(), strict=True):
+            if (
+                parameter.kind == "joint"
+                and parameter.unit == "rad"
+                and parameter.sigma < FLAT
+                and abs(value - parameter.mean) > _MOST_TURN
+            ):
+                return f"the fit turns {parameter.name} by {value / DEG:.0f} deg"
+        return ""
+
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds the URDF and every pose."""
+        tables = f"{rms_mm(self.before):.3g} -> {rms_mm(self.after):.3g}"
+        return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {len(self.data)} poses, RMS {tables}>"
 
     def require_trustworthy(self) -> None:
         """Raise if the result must not be trusted.

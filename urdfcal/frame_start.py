@@ -102,7 +102,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
         _place(view, known)
     _place_cameras(errors, data, known)
     _place_sockets(errors, data, known)
-    slots = tuple(_found(slot, known) if slot.label in free else slot for slot in errors.slots)
+    slots = tuple(_found(slot, known, errors.sessions) if slot.label in free else slot for slot in errors.slots)
     return with_places(replace(errors, slots=slots), data)
 
 
@@ -111,14 +111,16 @@ def _open(errors: ErrorModel, slot: Slot) -> bool:
     own = {f"{slot.label}.{name}" for name in slot.names}
     usual: PriorScale = DEFAULT_PRIORS[slot.kind]
     free = [parameter for parameter in errors.parameters if parameter.name in own]
-    return len(free) == len(own) and all(not parameter.mean and parameter.sigma == usual.sigma(parameter.unit) for parameter in free)
+    return len(free) == len(own) and all(not parameter.mean and parameter.sigma >= usual.sigma(parameter.unit) for parameter in free)
 
 
-def _found(slot: Slot, known: _Known) -> Slot:
+def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
+    """The slot where it was found; a session that says nothing of its own frame begins where another's stands."""
     if slot.kind == "reference":
-        return replace(slot, found=dict(known.frames))
+        first = next(iter(known.frames.values()), None)
+        return replace(slot, found={session: known.frames.get(session, first) for session in sessions if first is not None})
     placement = known.offsets.get(slot.label, pin.SE3.Identity())
-    return replace(slot, found={session: placement for session in known.frames})
+    return replace(slot, found=dict.fromkeys(sessions, placement))
 
 
 def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
@@ -158,7 +160,7 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
                 found, turn, shift = cv2.solvePnP(
                     grid_points[seen[:, pose]], np.ascontiguousarray(rays[:, :2] / rays[:, 2:]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
                 )
-                if found:
+                if found and np.isfinite(turn).all() and np.isfinite(shift).all():
                     rows.append(pose)
                     placements.append(pin.SE3(pin.exp3(turn.ravel()), shift.ravel()))
             if len(rows) >= _LEAST_POINTS:
@@ -302,13 +304,11 @@ def camera_before(points: Matrix, rays: Matrix) -> SE3:
     import cv2
 
     good = rays[:, 2] > 0
-    found, turn, shift = cv2.solvePnP(
-        np.ascontiguousarray(points[good]),
-        np.ascontiguousarray(rays[good, :2] / rays[good, 2:]),
-        np.eye(3),
-        None,
-        flags=cv2.SOLVEPNP_SQPNP,
-    )
+    seen, ahead = np.ascontiguousarray(points[good]), np.ascontiguousarray(rays[good, :2] / rays[good, 2:])
+    try:
+        found, turn, shift = cv2.solvePnP(seen, ahead, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
+    except cv2.error:  # too few points, or all of them at one place
+        found = False
     if not found:
         raise FitRejected("no place of the camera explains where its targets were seen; check the joints and the camera", forceable=False)
     return pin.SE3(pin.exp3(turn.ravel()), shift.ravel()).inverse()
@@ -317,7 +317,7 @@ def camera_before(points: Matrix, rays: Matrix) -> SE3:
 def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
     for each in data.readings:
-        if each.kind == "socket" and each.target not in known.offsets:
+        if each.kind == "socket" and each.target not in known.offsets and each.seen.any():
             rows = np.flatnonzero(each.seen)
             _require_a_return(data)
             R, b = _per_session(errors, data, each.target, rows)
@@ -374,11 +374,15 @@ def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
         if not each.places:
             continue
         rows = np.flatnonzero(each.seen)
+        if not len(rows):
+            continue
         _, p = _per_session(errors, data, each.target, rows)
         if each.kind == "distance":
             means |= _named(each.places[0].name, wire_end(p, each.values[rows, 0]))
             continue
         for label, place in zip(each.touched, each.places, strict=True):
+            if place.name in errors.planes:
+                continue  # known already, and what is held refers to its axes
             own = p[each.labels[rows] == label]
             if each.kind == "socket":
                 means |= _named(place.name, own.mean(axis=0))

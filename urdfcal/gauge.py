@@ -30,6 +30,7 @@ _CARRIERS: dict[Kind, str] = {
     "place": "the places that are touched",
 }
 _PLACES = "places"
+_NOT_THE_ROBOTS = ("reference", "target", "place", "camera")  # found from nothing, whatever is asked of the robot
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
@@ -288,7 +289,8 @@ def _stated(parameters: list[Parameter], options: ModelOptions) -> tuple[list[Pa
     for pattern in options.fix:
         fixed |= matching(parameters, pattern)
     if options.only:
-        fixed |= set(named) - set().union(*(matching(parameters, pattern) for pattern in options.only))
+        robots = {parameter.name for parameter in parameters if parameter.kind not in _NOT_THE_ROBOTS}
+        fixed |= robots - set().union(*(matching(parameters, pattern) for pattern in options.only))
     return list(named.values()), fixed
 
 

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from urdfcal.ekf import Belief, Estimate, compress, iterated_schedule, paper_schedule, update
+from urdfcal.ekf import Belief, Estimate, compress, degrees_of_freedom, iterated_schedule, paper_schedule, update
 from urdfcal.error_table import UNITS
 from urdfcal.errors import UsageError
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Linearisation, Noise
+from urdfcal.pixel_spots import PixelSpots
 from urdfcal.robust import Observations, Outlier, beyond_belief, gate, inside, reweighted, swapped_poses
 from urdfcal.spot_model import SpotModel
 
@@ -97,12 +98,15 @@ def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noi
 
     Spot noise that is not stated is estimated from the residual, as elsewhere.
     """
-    here, sigma = model.linearise(swept.belief.x), np.sqrt(np.diag(prior.P))
+    here = model.linearise(swept.belief.x)
     if not here.usable:
         return swept
+    P = posterior(here, prior, noise)
     if not noise.all_stated:
-        noise = noise.estimated(here, float(max(here.count - len(sigma), 1)))
-    return replace(swept, belief=Belief(swept.belief.x, posterior(here, prior, noise)), noise=noise)
+        H = noise.weights(here).jacobian(here)
+        noise = noise.estimated(here, degrees_of_freedom(here, H, Belief(swept.belief.x, P)))
+        P = posterior(here, prior, noise)
+    return replace(swept, belief=Belief(swept.belief.x, P), noise=noise)
 
 
 def posterior(here: Linearisation, prior: Belief, noise: Noise) -> Matrix:
@@ -180,7 +184,11 @@ def observations_of(model: SpotModel) -> Observations:
         if lasers:
             lengths = model.predict(x)[1]
             with np.errstate(invalid="ignore"):
-                lost[: len(seen), :lasers] = model.data.seen & ~((lengths > 0) & np.isfinite(lengths))
+                away = ~((lengths > 0) & np.isfinite(lengths))
+            lost[: len(seen), :lasers] = model.data.seen & away
+            for column, each in enumerate(model.readings, start=lasers):
+                if isinstance(each, PixelSpots):
+                    lost[: len(seen), column] = each.data.seen & away[:, each.laser]
         return lost
 
     block_of = np.repeat(np.arange(len(model.blocks)), [block.columns.stop - block.columns.start for block in model.blocks])

@@ -180,11 +180,15 @@ class Noise:
         of their noise.
         """
         freedom = np.atleast_1d(degrees_of_freedom)
-        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape).sum(axis=0)
-        chi_squared = np.bincount(here.kinds, squares, minlength=len(freedom))
+        own = np.isnan(here.stated_sigma) & here.measured  # what is stated says nothing of the others' noise
+        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
+        chi_squared = np.bincount(here.kinds, (squares * own).sum(axis=0), minlength=len(freedom))
+        share = np.bincount(here.kinds, own.sum(axis=0).astype(float), minlength=len(freedom)) / np.maximum(here.counts, 1)
+        freedom = freedom * share
         fixed = self.stated | (freedom < LEAST_FREEDOM)
         return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
 
-    def close_to(self, other: Noise) -> bool:
-        """Whether another estimate of the noise is the same for all purposes."""
-        return bool(np.max(np.abs(self.sigma / other.sigma - 1)) < _CLOSE)
+    def close_to(self, other: Noise, here: Linearisation) -> bool:
+        """Whether another estimate of the noise is the same for all purposes: joint readings may hide a sensor's own noise."""
+        own, old = (np.diagonal(each.pose_covariance(here), axis1=1, axis2=2)[here.measured] for each in (self, other))
+        return bool(np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)

@@ -16,6 +16,7 @@ from urdfcal.error_model import INSTRUMENTS
 from urdfcal.geometry import DEG, MM
 from urdfcal.identifiability import Combination, correlated_groups
 from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
+from urdfcal.noise import LEAST_FREEDOM
 from urdfcal.spot_model import kinds_of
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from urdfcal.fit_result import FitResult
 
 WIDTH = 100
+_MOST_SUMS = 12  # that a terminal is asked to hold
 STRONG = 0.95  # correlation above which parameters are named together
 
 
@@ -182,7 +184,7 @@ def _headline(calibration: FitResult) -> str:
     data, noise = calibration.data, calibration.estimate.noise
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
-    kind = "stated" if noise.all_stated else "estimated from the residual"
+    kind = "stated" if noise.all_stated else "estimated from the residual" if calibration.freedom >= LEAST_FREEDOM else "assumed"
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
@@ -229,11 +231,13 @@ def _outliers(calibration: FitResult) -> list[RenderableType]:
 
 def _undecided(calibration: FitResult) -> list[RenderableType]:
     units, lines = dict(zip(calibration.errors.names, calibration.errors.units, strict=True)), []
+    alone = dict(zip(calibration.errors.names, calibration.identifiability.determined, strict=True))
     for combination in combinations_of_robot(calibration):
-        if combination.determined and len(combination.terms) > 1:
+        if combination.determined and len(combination.terms) > 1 and not all(alone[name] for name in combination.terms):
             unit, size = _display_of({units[name] for name in combination.terms})
             lines.append(f"  only {combination.words()} = {value_and_sigma(combination.value / size, combination.sigma / size)} {unit}")
-    return ["", "Determined as sums alone:", *lines] if lines else []
+    more = [f"  and {len(lines) - _MOST_SUMS} more (--json has all)"] if len(lines) > _MOST_SUMS else []
+    return ["", "Determined as sums alone:", *lines[:_MOST_SUMS], *more] if lines else []
 
 
 def _correlated(calibration: FitResult) -> list[RenderableType]:

@@ -189,7 +189,7 @@ def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss =
         moved = np.max(np.abs(estimate.belief.x - belief.x) / np.sqrt(np.diag(estimate.belief.P)))
         belief = estimate.belief
         here, met = spots.reached(belief.x)
-        if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior)):
+        if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior), here):
             return replace(estimate, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
     return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
 

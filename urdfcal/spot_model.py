@@ -65,6 +65,9 @@ class SpotModel:
             residual[rows, own] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
             jacobian[rows, own], joint_jacobian[rows, own] = self._derivatives(motion, spots, measured)
             for each in self.readings:
+                if isinstance(each, PixelSpots):
+                    own_lengths = lengths[each.data.seen[rows], each.laser]
+                    reached &= bool((own_lengths > 0).all() and np.isfinite(own_lengths).all())
                 looked = each.look(motion, placed[session], rows, x)
                 residual[rows, each.columns], jacobian[rows, each.columns], joint_jacobian[rows, each.columns] = looked
         trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() else "not_finite"

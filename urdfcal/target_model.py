@@ -103,16 +103,19 @@ class Reading:
 
     def look(self, motion: LaserMotion, placed: Placements, rows: Rows, x: Vector) -> tuple[Matrix, Array3, Array3]:
         """Residual (n, k), Jacobian (n, k, p) and joint Jacobian (n, k, inputs) of some poses at x."""
+        if not self.measured.any():  # a column that is empty everywhere
+            n, k = self.measured[rows].shape
+            return np.zeros((n, k)), np.zeros((n, k, len(x))), np.zeros((n, k, motion.joint_jacobian.shape[2]))
         columns = self._place_columns[rows]
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         p, R, jac1, joint_jac1 = seen_motion(self.errors, motion, placed, self.frame)
         look = self.sensor.look(View(p, R, place, self._axes[rows]), self._values[rows])
         measured = self.measured[rows]
-        jac2 = look.jac2 * measured[..., None]
+        jac2 = np.where(measured[..., None], look.jac2, 0.0)
         jacobian = jac2 @ jac1
         pose, number = np.arange(len(p))[:, None, None], np.arange(measured.shape[1])[None, :, None]
         free = columns >= 0
-        by_place = look.by_place * measured[..., None] * free[:, None]
+        by_place = np.where(measured[..., None], look.by_place, 0.0) * free[:, None]
         jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
         return np.where(measured, look.residual, 0.0), jacobian, jac2 @ joint_jac1
 

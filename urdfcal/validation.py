@@ -27,6 +27,7 @@ from urdfcal.errors import UsageError
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
+from urdfcal.nominal import with_new_places
 from urdfcal.robot import Robot
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_tree import UrdfJoint
@@ -111,7 +112,8 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
     for number, held in enumerate(_folds(data, folds, rng), start=1):
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
-        here = SpotModel(found.errors, out).linearise(found.x)
+        errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
+        here = SpotModel(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
         after.take(here, held)
         rms.append(rms_mm(error_table(here, len(out))))
@@ -196,8 +198,8 @@ def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
         noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))
         P = _posterior(here, noise, errors.sigma)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
-    left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least)
-    tested = _mean_squares(_residuals(there, noise), there, least)
+    left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least, len(calibration.data))
+    tested = _mean_squares(_residuals(there, noise), there, least, len(test))
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
     where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
@@ -221,10 +223,10 @@ def _left_out_residuals(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
     return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(kept), _residuals(here, noise)))
 
 
-def _mean_squares(residuals: Matrix, here: Linearisation, least: float) -> Vector:
-    """Mean of the squared residuals of each pose that saw something, (k,)."""
-    count = here.measured.sum(axis=1)
-    squares: Vector = np.sum(residuals[count > 0] ** 2, axis=1) / count[count > 0]
+def _mean_squares(residuals: Matrix, here: Linearisation, least: float, poses: int) -> Vector:
+    """Mean of the squared residuals of each pose that saw something, (k,); rows of what is known beforehand are no poses."""
+    count = here.measured[:poses].sum(axis=1)
+    squares: Vector = np.sum(residuals[:poses][count > 0] ** 2, axis=1) / count[count > 0]
     return np.maximum(squares, least)
 
 

@@ -52,7 +52,7 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
-from urdfcal.errors import FitRejected
+from urdfcal.errors import FitRejected, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -171,7 +171,9 @@ def fit(
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report, compensation)
     require_places(*outputs.places.values(), inputs=(robot, measurements, rig, test, ur_hash_from, camera))
-    wish = sag_wish(sag or compensation is not None, gravity, payload, also)
+    if compensation is not None and not sag:
+        raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
+    wish = sag_wish(sag, gravity, payload, also)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
@@ -205,9 +207,11 @@ def fit(
         warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
     else:
         calibration.require_trustworthy()
+    folds = cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None
+    calibration = replace(calibration, folds=(folds.before, folds.after, folds.folds) if folds is not None else None)
     extra = Extras(
         workspace_accuracy(arm, calibration, tool, rng()) if tool is not None else None,
-        cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None,
+        folds,
         predicted_spots(arm, calibration, rng()),
     )
     files, cautions = outputs.contents(calibration, bent, rng())

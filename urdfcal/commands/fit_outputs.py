@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from urdfcal.errors import UsageError
+from urdfcal.evidence import LEAST_POSES
 from urdfcal.formats import Deployment, deployment
 from urdfcal.gravity import Gravity, parse_gravity, parse_payload
 from urdfcal.reporting.report_files import report_bytes, require_report_ending
@@ -56,7 +57,9 @@ class Outputs:
             files[self.report] = report_bytes(self.report, calibration, sys.argv, sag)
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
-                raise UsageError("--compensation: gravity bends no joint of this robot, so there is nothing to write")
+                raise UsageError(
+                    f"--compensation: gravity bends no joint of this robot, or there are fewer than {LEAST_POSES} poses; nothing to write"
+                )
             urdf, text = sag.files(places["compensated_urdf"].name)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
         return files, list(deployed.warnings(self.plan))
@@ -97,7 +100,7 @@ class SagWish:
         """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""
         from urdfcal.sag import estimated_gravity, fit_sag
 
-        if not self.wanted or calibration.rejection:
+        if not self.wanted or calibration.rejection or len(calibration.data) < LEAST_POSES:
             return None
         direction = estimated_gravity(calibration).direction if self.estimate else self.gravity.direction
         return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras)

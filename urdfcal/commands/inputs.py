@@ -72,6 +72,8 @@ def measured(
     from urdfcal.readings import known_lengths
 
     reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
+    if target is not None:
+        robot.tree.require_link(target)
     data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
     lengths = known_lengths(rig.lengths() if rig else (), data.readings)
     data = replace(data, lengths=lengths) if lengths else data

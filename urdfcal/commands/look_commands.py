@@ -10,6 +10,7 @@ import typer
 from urdfcal.commands.console import say, show, warn
 from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, spot_noise
 from urdfcal.commands.options import (
+    CameraOption,
     DataFile,
     Estimate,
     Fix,
@@ -41,8 +42,10 @@ if TYPE_CHECKING:
 def evaluate(
     robot: RobotFile,
     measurements: DataFile,
+    rig: RigOption = None,
     reference: Reference = None,
     target: Target = None,
+    camera: CameraOption = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -56,7 +59,7 @@ def evaluate(
     from urdfcal.evaluation import evaluate as run_evaluate
     from urdfcal.report import spot_table_block, table_json
 
-    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser), measurements, None, reference, target)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser), measurements, rig_file_of(rig), reference, target, camera)
     say(verbose, about(arm))
     warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
     fit_set, test_set = data.split()
@@ -88,6 +91,7 @@ def check(
     prior_beams: PriorBeams = None,
     reference: Reference = None,
     target: Target = None,
+    camera: CameraOption = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -105,7 +109,7 @@ def check(
     from urdfcal.gauge import laid_over
 
     rig_file = rig_file_of(rig)
-    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
@@ -127,6 +131,10 @@ def dh(
     calibration: Annotated[
         Path | None, typer.Option(metavar="YAML", help="Also show the table of the corrected robot.", show_default=False)
     ] = None,
+    tip: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The table of the joints up to this link; no lasers are needed.", show_default=False)
+    ] = None,
+    reference: Reference = None,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -141,18 +149,23 @@ def dh(
     from urdfcal.calibration_file import read_calibration
     from urdfcal.dh import dh_table
     from urdfcal.gauge import build_error_model
+    from urdfcal.instruments import Instruments
+    from urdfcal.instruments import Target as InstrumentTarget
     from urdfcal.report import carried_lines, dh_block, dh_json
     from urdfcal.robot import robot_from
     from urdfcal.urdf_writer import with_origins
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
+    if tip is not None:
+        arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, True),), reference or "", True), ())
     say(verbose, about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:
         origins, missing = read_calibration(calibration).origins_for(arm)
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
         description = replace(arm.description, text=with_origins(arm.description, origins))
-        corrected = dh_table(robot_from(description, screen=arm.screen, lasers=arm.lasers).chain, hayati)
+        again = replace(robot_from(description, screen=arm.screen, lasers=arm.lasers), instruments=arm.instruments)
+        corrected = dh_table(again.chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried
     machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
     heading = "left out of the automatic error model, since no measurement could tell them from others:"

@@ -9,7 +9,10 @@ import typer
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="URDF or xacro file. A xacro file is code: it runs.", show_default=False)]
 DataFile = Annotated[
-    Path, typer.Argument(metavar="MEASUREMENTS", help="CSV: a column a joint, <laser>.y and <laser>.z.", show_default=False)
+    Path,
+    typer.Argument(
+        metavar="MEASUREMENTS", help="CSV: a column a joint, and what was measured: <laser>.y .z, <link>.x .y .z ...", show_default=False
+    ),
 ]
 XacroArgs = Annotated[
     list[str] | None, typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False)

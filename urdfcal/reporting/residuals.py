@@ -106,7 +106,7 @@ def used_numbers(calibration: FitResult) -> float:
     """How many of them the parameters used up: p - tr(P P0^-1)."""
     if not honest_covariance(calibration):
         return float(calibration.identifiability.rank)
-    return len(calibration.x) - float(np.sum(np.diag(calibration.covariance) / calibration.errors.sigma**2))
+    return max(calibration.data.numbers - calibration.freedom, 0.0)
 
 
 def spread(calibration: FitResult, fitted: SpotResiduals) -> float:

@@ -11,6 +11,7 @@ from urdfcal.error_model import INSTRUMENTS
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.fit_result import FitResult
 from urdfcal.instrument_report import noise_in_words
+from urdfcal.noise import LEAST_FREEDOM
 from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 
 Level = Literal["good", "warn", "bad"]
@@ -113,6 +114,8 @@ def _decided(calibration: FitResult) -> Finding:
     what = "parameters of the robot" if total < len(parameters) else "parameters"
     if not left:
         return Finding("good", f"The data determine all {total} {what}.")
+    if len(left) == total:
+        return Finding("bad", f"The data determine none of the {total} {what} alone: too few measurements.")
     named = ", ".join(left[:_FEW]) + (f" and {len(left) - _FEW} more" if len(left) > _FEW else "")
     return Finding(
         "warn",
@@ -122,6 +125,13 @@ def _decided(calibration: FitResult) -> Finding:
 
 
 def _tested(calibration: FitResult) -> list[Finding]:
+    if (calibration.test is None or not calibration.test[1]) and calibration.folds is not None:
+        _, after, folds = calibration.folds
+        text = (
+            f"Left out in turn ({folds} fits), poses are {rms_mm(after):.3g} mm off (RMS), fitted ones {rms_mm(calibration.after):.3g} mm"
+        )
+        worse = rms_mm(after) > WORSE * _expected_ratio(calibration) * max(rms_mm(calibration.after), _ROUNDING_MM)
+        return [Finding("warn" if worse else "good", f"{text}{': the error model cannot follow this robot' if worse else ''}.")]
     if calibration.test is None or not calibration.test[1]:
         return [Finding("warn", "No test poses: how well other poses are predicted has not been checked.")]
     ratio, expected = rms_mm(calibration.test[1]) / max(rms_mm(calibration.after), 1e-12), _expected_ratio(calibration)
@@ -143,6 +153,8 @@ def _noise(calibration: FitResult) -> list[Finding]:
     noise = calibration.estimate.noise
     if calibration.rejection or not honest_covariance(calibration):
         return []
+    if not noise.all_stated and calibration.freedom < LEAST_FREEDOM:
+        return [Finding("warn", f"Too few measurements to estimate their noise; assumed: {noise_in_words(calibration)}.")]
     if not noise.all_stated:
         return [Finding("good", f"Estimated from the residuals: {noise_in_words(calibration)}.")]
     return [_stated_noise(calibration.chi_squared, max(measured_numbers(calibration) - used_numbers(calibration), 1.0))]
