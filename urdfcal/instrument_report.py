@@ -10,7 +10,8 @@ from urdfcal.error_model import INSTRUMENTS, ErrorModel
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, exponentials, product, xyz_rpy
 from urdfcal.measurements import Measurements
-from urdfcal.noise import Noise
+from urdfcal.noise import LEAST_FREEDOM, Noise
+from urdfcal.readings import START_SIGMA
 from urdfcal.robot import Robot
 from urdfcal.slots import Slot
 from urdfcal.spot_model import kinds_of
@@ -33,7 +34,8 @@ def noise_in_words(calibration: FitResult) -> str:
         if kind == "spot" and not data.seen.any() and data.readings:  # spots were read as pixels
             continue
         name, size, unit = _NOISE[kind]
-        words.append(f"{name} {sigma / size:.3g} {unit}")
+        assumed = sigma == START_SIGMA[kind] and calibration.freedom >= LEAST_FREEDOM  # else all of it is, and that is said once
+        words.append(f"{name} {sigma / size:.3g} {unit}{' (assumed)' if assumed and not calibration.estimate.noise.all_stated else ''}")
     return ", ".join(words)
 
 
