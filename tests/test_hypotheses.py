@@ -10,8 +10,9 @@ import pytest
 
 from urdfcal.gauge import build_error_model
 from urdfcal.geometry import DEG, MM, Vector
-from urdfcal.hypotheses import best_hypothesis, hypotheses_of
+from urdfcal.hypotheses import best_hypothesis
 from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.mistakes import mistakes_of_joints, mistakes_of_spots
 from urdfcal.noise import Noise
 from urdfcal.robot import Robot
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
@@ -66,6 +67,7 @@ MISTAKES: dict[str, Change] = {
     "joint read as degrees": with_joint(2, factor=1 / DEG),
     "the sign of joint flipped": with_joint(2, factor=-1.0),
     "90 deg added to joint": with_joint(2, shift=-90 * DEG),
+    "the joints taken from the row behind": lambda data: replace(data, q=np.roll(data.q, 1, axis=0)),
 }
 
 
@@ -120,7 +122,8 @@ def test_no_two_hypotheses_do_the_same(robots: dict[str, Robot]) -> None:
     robot = robots["tiago"]
     model, _ = measured(robot, 0, 0, 0.0, seed=5)
     before = model.data.q.copy()
-    changed = [mistake.change(model.data) for mistake in hypotheses_of(model.data, robot.chain.inputs)]
+    mistakes = (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, robot.chain.inputs))
+    changed = [mistake.change(model.data) for mistake in mistakes]
     prints = {(np.round(data.q, 9).tobytes(), np.round(data.spots, 12).tobytes()) for data in [*changed, model.data]}
     assert len(prints) == len(changed) + 1
     np.testing.assert_array_equal(model.data.q, before)

@@ -21,7 +21,7 @@ from urdfcal.evaluation import as_measured, fit_and_test, joint_sigmas, noise_of
 from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
-from urdfcal.fit_start import begin, explains, require_beams_on_screen
+from urdfcal.fit_start import begin, explains, require_beams_on_screen, require_sane_readings
 from urdfcal.fit_warnings import disagreement, few_spots, large_scales
 from urdfcal.formats import Deployed
 from urdfcal.gauge import ModelOptions, build_error_model, laid_over
@@ -171,7 +171,7 @@ def fit(
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), fit_set)
     noise = noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
-    nominal = nominal_fit(errors, fit_set, noise)
+    bare, nominal = errors, nominal_fit(errors, fit_set, noise)
     errors = nominal.errors
     model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
     prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
@@ -182,6 +182,8 @@ def fit(
         errors, method = begun.errors, replace(method, start=begun.x)
         model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
         found = method.run(model, prior, noise)
+    if sane and method.label != "ekf, paper":
+        require_sane_readings(bare, model, found, noise)
     clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
     if len(clean.estimate.history) == 1:
         require_beams_on_screen(model, begun.x)

@@ -10,18 +10,21 @@ import numpy as np
 from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
 from urdfcal.error_model import FLAT, ErrorModel
-from urdfcal.error_table import SpotTable, rms_mm
+from urdfcal.error_table import UNITS, SpotTable, rms_mm
 from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
 from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.identifiability import Identifiability
-from urdfcal.measurements import Measurements
+from urdfcal.measurements import Measurements, noun
 from urdfcal.nominal import NominalFit
 from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
+from urdfcal.spot_model import kinds_of
 
 _MOST_TURN = 60 * DEG  # joint errors beyond are a mistake somewhere
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
+_MOST_NOISE = {"orientation": 10.0, "pixel": 50.0}  # [deg] and [px], else _MOST_LENGTH: no instrument reads so badly
+_MOST_LENGTH = 50.0  # [mm]
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,6 +113,8 @@ class FitResult:
             return f"the fit did not converge: {self.stop_reason}"
         if self._turned:
             return f"{self._turned}, and no robot is made so; check the URDF, the joints' units and signs, and the axes that were measured"
+        if self._scattered:
+            return self._scattered
         before, after = rms_mm(self.before), rms_mm(self.after)
         if not after < before:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
@@ -131,6 +136,19 @@ class FitResult:
                 and abs(value - parameter.mean) > _MOST_TURN
             ):
                 return f"the fit turns {parameter.name} by {value / DEG:.0f} deg"
+        return ""
+
+    @property
+    def _scattered(self) -> str:
+        """A kind of reading that the fit could not explain at all; of lasers the screen may be far away."""
+        for kind, sigma, stated in zip(kinds_of(self.data), self.estimate.noise.sigma, self.estimate.noise.stated, strict=True):
+            unit = {"orientation": "deg", "pixel": "px"}.get(kind, "mm")
+            scatter = float(sigma) / UNITS[unit]
+            if kind != "spot" and not stated and scatter > _MOST_NOISE.get(kind, _MOST_LENGTH):
+                return (
+                    f"the {noun(kind)} scatter by {scatter:.3g} {unit} after the fit, and no instrument reads so; "
+                    "check their order, units and axes"
+                )
         return ""
 
     def __repr__(self) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.ekf import Estimate
+from urdfcal.error_model import ErrorModel
 from urdfcal.errors import FitRejected
 from urdfcal.geometry import Vector
-from urdfcal.hypotheses import best_hypothesis
+from urdfcal.hypotheses import Hypothesis, best_hypothesis
 from urdfcal.noise import Noise
+from urdfcal.reading_hypotheses import best_reading_hypothesis, readings_explained
 from urdfcal.spot_model import SpotModel
 from urdfcal.start import Start, find_start
 
@@ -37,10 +39,29 @@ def begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
     """
     begun = find_start(model, noise)
     if sane and not begun.plausible:
-        mistake = best_hypothesis(model, noise)
-        if mistake is not None:
-            raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
+        _refuse(best_hypothesis(model, noise))
     return begun
+
+
+def require_sane_readings(errors: ErrorModel, model: SpotModel, found: Estimate, noise: Noise) -> None:
+    """Refuse readings of instruments beside lasers that a common mistake explains far better.
+
+    Args:
+        errors: The error model before its instruments were placed.
+        model: Of the measurements, with the instruments placed.
+        found: Their fit.
+        noise: As stated, or where its estimation started.
+
+    Raises:
+        FitRejected: names the mistake.
+    """
+    if any(not model.data.of_laser(each) for each in model.data.readings) and not readings_explained(model, found, noise):
+        _refuse(best_reading_hypothesis(errors, model.data, noise))
+
+
+def _refuse(mistake: Hypothesis | None) -> None:
+    if mistake is not None:
+        raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
 
 
 def require_beams_on_screen(model: SpotModel, x: Vector) -> None:

@@ -34,7 +34,8 @@ from urdfcal.target_sensors import matrices
 Rows = npt.NDArray[np.intp]
 
 _OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [m] where a point may sit on its link, to begin with
-_ROUNDS = 60
+_FIRST_ROUNDS, _ROUNDS = 10, 60  # from each of them, and from where the best of them led
+_STILL = 1e-9  # [m]
 _LEAST_POINTS, _LEAST_PIXELS = 3, 4
 
 
@@ -250,15 +251,20 @@ def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
         b: Its origins, (n, 3), [m].
         a: Measured points, (n, 3), [m].
     """
-    found = []
-    for x in _OFFSETS:
-        for _ in range(_ROUNDS):
-            Y = umeyama(a, b + R @ x)
-            y, x = _translations(R, b, a, Y.rotation)
-        left = a @ Y.rotation.T + y - (b + R @ x)
-        found.append((float(np.sum(left**2)), pin.SE3(Y.rotation, y), x))
-    _, Y, x = min(found, key=lambda each: each[0])
+    first = [_in_turn(R, b, a, x, _FIRST_ROUNDS) for x in _OFFSETS]
+    _, Y, x = _in_turn(R, b, a, min(first, key=lambda found: found[0])[2], _ROUNDS)
     return Y, x
+
+
+def _in_turn(R: Array3, b: Matrix, a: Matrix, x: Vector, rounds: int) -> tuple[float, SE3, Vector]:
+    """Rotation for a given offset, offset for a given rotation, and so on from x; what is left, Y, and x."""
+    for _ in range(rounds):
+        Y, last = umeyama(a, b + R @ x), x
+        y, x = _translations(R, b, a, Y.rotation)
+        if np.max(np.abs(x - last)) < _STILL:
+            break
+    left = a @ Y.rotation.T + y - (b + R @ x)
+    return float(np.sum(left**2)), pin.SE3(Y.rotation, y), x
 
 
 def _translations(R: Array3, b: Matrix, a: Matrix, R_Y: Matrix) -> tuple[Vector, Vector]:

@@ -133,7 +133,7 @@ class Measurements:
         counts = {"spot": int(self.seen.sum())} if self.seen.any() or not self.readings else {}
         for each in self.readings:
             counts[each.kind] = counts.get(each.kind, 0) + int(each.seen.sum())
-        words = [f"{count} {_NOUNS[kind][count != 1]}" for kind, count in counts.items()]
+        words = [f"{count} {noun(kind, count)}" for kind, count in counts.items()]
         return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
     @cached_property
@@ -207,3 +207,8 @@ def measurements_from(
         sets=np.array(["fit"] * n if sets is None else sets, dtype="<U4"),
         sessions=np.array([""] * n if sessions is None else sessions, dtype=str),
     )
+
+
+def noun(kind: str, count: int = 2) -> str:
+    """What one reading of a kind is called, or several."""
+    return _NOUNS[kind][count != 1]

@@ -45,20 +45,21 @@ class NominalFit:
         return error_table(self.linearise(data), len(data))
 
 
-def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise) -> NominalFit:
+def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps: int | None = None) -> NominalFit:
     """Place measuring frames, targets and shared places for the robot as it is, in closed form and then by least squares.
 
     Args:
         errors: Error model of the robot as it was measured.
         data: The measurements; where there are lasers alone nothing has to be placed.
         noise: Of the measurements, or where its estimation starts.
+        max_sweeps: How many sweeps of least squares are allowed; the filter's own default if None.
     """
     if data.readings:
         errors = place_instruments(errors, data)
     alone, x = instruments_alone(errors), errors.mean.copy()
     if alone.names:
         prior = Belief(alone.mean, np.diag(alone.sigma**2))
-        found = iterated_schedule(_model(alone, data, noise).linearise, prior, noise).belief.x
+        found = iterated_schedule(_model(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
         x[[errors.names.index(name) for name in alone.names]] = found
         return NominalFit(errors, alone, found, x, noise)
     return NominalFit(errors, alone, np.empty(0), x, noise)

@@ -90,7 +90,7 @@ def _median(freedom: int) -> float:
     return _MEDIANS.get(int(freedom), float(freedom) * (1 - 2 / (9 * max(float(freedom), 1.0))) ** 3) if freedom else np.nan
 
 
-def _scales(here: Linearisation, d2: Matrix) -> Vector:
+def kind_scales(here: Linearisation, d2: Matrix) -> Vector:
     """The robust scale of every kind of noise, (kinds,); 1 for a kind that was not measured."""
     freedom = degrees(here)
     scales = np.ones(len(here.counts))
@@ -196,7 +196,7 @@ def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss =
 
 def _rescaled(noise: Noise, here: Linearisation, belief: Belief, prior: Belief) -> Noise:
     """Noise at the robust scale of the residuals; never under what is stated."""
-    scales = _scales(here, squared_distances(here, noise))
+    scales = kind_scales(here, squared_distances(here, noise))
     return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(here, belief, prior)))
 
 
@@ -283,7 +283,7 @@ def beyond_belief(spots: Observations, found: Estimate) -> Mask:
     if spots.too_few(met):
         return np.zeros_like(met)
     d2 = squared_distances(here, found.noise, found.belief.P)
-    scales = _MARGIN * np.maximum(_scales(here, d2), 1.0)
+    scales = _MARGIN * np.maximum(kind_scales(here, d2), 1.0)
     out = np.asarray(~met | (d2 > _limits(here) * _per_block(here, scales) ** 2))
     return np.zeros_like(out) if spots.too_few(~out) else out
 

@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,22 @@ def joint(index: int | None, factor: float, shift: float, words: str) -> Mistake
     return made
 
 
+def pair_swapped(one: int, other: int) -> Mistake:
+    """The readings of two joints taken for each other."""
+
+    def made(data: Data) -> tuple[Data, str]:
+        q = data.q.copy()
+        q[:, [one, other]] = q[:, [other, one]]
+        return replace(data, q=q), f"{data.joints[one]} and {data.joints[other]} swapped"
+
+    return made
+
+
+def shifted(data: Data) -> tuple[Data, str]:
+    """The joints of each row written one row too low."""
+    return replace(data, q=np.roll(data.q, 1, axis=0)), "the joints taken from the row behind"
+
+
 def mistakes(joints: int) -> dict[str, list[Mistake]]:
     """Every kind of mistake, by name; each joint's in turn."""
     each = range(joints)
@@ -97,6 +114,8 @@ def mistakes(joints: int) -> dict[str, list[Mistake]]:
         "sign flipped": [joint(index, -1, 0, "the sign of {} flipped") for index in each],
         "zero off by 90": [joint(index, 1, -90 * DEG, "90 deg added to {}") for index in each],
         "zero off by 180": [joint(index, 1, np.pi, "180 deg added to {}") for index in each],
+        "two joints swapped": [pair_swapped(one, other) for one, other in combinations(each, 2)],
+        "off by a row": [shifted],
     }
 
 

@@ -1,0 +1,182 @@
+"""Mistaken measurements by instruments beside lasers: does `fit` name each kind of mistake, and leave healthy data alone?
+
+Truths of mistaken sets: Gaussian errors of 2 mm and 0.2 deg on the parameters that fit has. Truths of healthy sets: by turns 1 mm and
+0.1 deg, 10 mm and 1 deg, and these with 10 % of the readings up to 200 mm off. Measuring frames, targets and places stand anywhere.
+Mistakes of one joint take the joints in turn. *named*: `fit` refused the data and said which mistake it is, or named it beside
+another that explains them as well; *other*: it refused them for something else; *rejected*: it fitted them, and found the result
+not to be trusted; *carried*: the mistake is no mistake, since frame or target stand for it: what is left over is noise; *silent*: the
+rest. Any but *silent* is an alarm where the data are healthy.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import urdfcal
+from urdfcal.gauge import ModelOptions, build_error_model
+from urdfcal.geometry import DEG, MM
+from urdfcal.measurements import Measurements
+from urdfcal.mistakes import mistakes_of_joints, mistakes_of_readings
+from urdfcal.reading_columns import quaternions_of
+from urdfcal.reading_simulation import ReadingNoise, simulate_readings
+from urdfcal.robot import Robot, load_robot
+from urdfcal.simulated_setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
+
+ROBOTS = {"panda": "panda_link8", "ur5": "tool0", "tiago": "arm_tool_link"}
+SENSORS = {
+    "point": ("point:{}",),
+    "pose": ("pose:{}",),
+    "distance": ("distance:{}",),
+    "plane": ("plane:{}:probe",),
+    "socket": ("socket:{}:ball",),
+}
+NOISE = ReadingNoise(length=0.1 * MM, angle=0.02 * DEG)
+HEALTHY = ((1.0, 0.1, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 0.1))  # mm, deg, share of outliers
+CARRIED = 3.0  # times the noise
+Change = Callable[[Measurements], Measurements]
+
+
+def setup_of(robot: Robot, name: str, link: str, mm: float, deg: float, rng: np.random.Generator) -> SimulatedSetup:
+    """A robot with Gaussian errors, and instruments that stand anywhere."""
+    sensors, _ = parse_sensors(tuple(each.format(link) for each in SENSORS[name]), robot, 4)
+    seen = seen_with(robot, sensors, "", ())
+    errors = build_error_model(seen.chain, seen.rig, ModelOptions())
+    x = rng.normal(0, np.where(np.array(errors.units) == "m", mm * MM, deg * DEG))
+    return simulated_setup(seen, errors, x, sensors, rng)
+
+
+def with_outliers(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
+    """The same with a share of the points and distances far off."""
+    readings = []
+    for each in data.readings:
+        bad = (rng.random(len(data)) < share)[:, None] & np.isin(each.kind, ["point", "distance"])
+        readings.append(replace(each, values=each.values + bad * rng.uniform(-200 * MM, 200 * MM, each.values.shape)))
+    return replace(data, readings=tuple(readings))
+
+
+def of_orientation(change: Callable[[np.ndarray], np.ndarray]) -> Change:
+    """A mistake in quaternions."""
+    return lambda data: replace(
+        data, readings=tuple(replace(each, values=change(each.values)) if each.kind == "orientation" else each for each in data.readings)
+    )
+
+
+def angles_of(quaternions: np.ndarray) -> np.ndarray:
+    """Roll, pitch and yaw, by Pinocchio."""
+    import pinocchio as pin
+
+    return np.array([pin.rpy.matrixToRpy(pin.Quaternion(*np.roll(each, 1)).toRotationMatrix()) for each in quaternions])
+
+
+def turning(quaternions: np.ndarray) -> np.ndarray:
+    """Quaternions whose angles about fixed axes are those of the given ones about axes that turn along, by SciPy."""
+    from scipy.spatial.transform import Rotation
+
+    return quaternions_of(Rotation.from_quat(quaternions).as_euler("XYZ"))
+
+
+def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Change]]]:
+    """Every kind of mistake, by name: the words that name it, and what makes it."""
+    found: dict[str, list[tuple[str, Change]]] = {}
+    backwards = {"read as degrees": "read as radians", "read as radians": "read as degrees", "read as millimetres": "read as metres"}
+    backwards |= {"read as metres": "read as millimetres", "row before": "row behind", "row behind": "row before"}
+    if any(each.kind == "orientation" for each in data.readings):
+        found["quaternion order"] = [("the quaternions read as w, x, y, z", of_orientation(lambda values: np.roll(values, 1, axis=1)))]
+        found["turning axes"] = [("about axes that turn along", of_orientation(turning))]
+        degrees = of_orientation(lambda values: quaternions_of(angles_of(values) * DEG))
+        found["rpy: rad as deg"] = [("roll, pitch and yaw read as radians", degrees)]
+    for mistake in (*mistakes_of_readings(data), *mistakes_of_joints(data, robot.chain.inputs)):
+        if any(word in mistake.undone for word in ("quaternions", "roll, pitch")):
+            continue
+        words = next(
+            (mistake.undone.replace(old, new).split(" in place")[0] for old, new in backwards.items() if old in mistake.undone), ""
+        )
+        words = words or mistake.undone.split(" (")[0]
+        if " deg added" in words and "180" not in words:
+            words = words[1:] if words.startswith("-") else f"-{words}"
+        kind = mistake.undone
+        for name in data.joints:
+            kind = kind.replace(name, "*")
+        found.setdefault(kind.split(" (")[0], []).append((words, mistake.change))
+    return found
+
+
+def said_of(robot: Robot, data: Measurements) -> tuple[str, str, float]:
+    """What `fit` makes of some measurements, in a word, its own words, and how long it took, [s]."""
+    at = time.perf_counter()
+    try:
+        found = urdfcal.fit(robot, data)
+    except urdfcal.FitRejected as refused:
+        return "refused", str(refused), time.perf_counter() - at
+    seconds = time.perf_counter() - at
+    if found.rejection:
+        return "rejected", found.rejection, seconds
+    true = [NOISE.angle if each.kind == "orientation" else NOISE.length for each in data.readings]
+    return "carried" if np.all(found.estimate.noise.sigma < CARRIED * np.array(true)) else "silent", "", seconds
+
+
+def main() -> None:
+    """Parse the command line and run the study."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=2, help="seeds for each kind of mistake (default 2)")
+    parser.add_argument("--healthy", type=int, default=30, help="healthy sets for each robot and sensor (default 30)")
+    parser.add_argument("--poses", type=int, default=60, help="how many poses (default 60)")
+    parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
+    parser.add_argument("--only", nargs="*", default=list(SENSORS), help="sensors (default all)")
+    parser.add_argument("-v", "--verbose", action="store_true", help="print every answer that was not the right one")
+    arguments = parser.parse_args()
+    for name, link in ROBOTS.items():
+        robot = load_robot(arguments.robots / name / f"{name}.urdf.xacro")
+        for sensor in arguments.only:
+            tally, times = tried(robot, name, sensor, link, arguments)
+            counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
+            print(
+                f"{name:7s}{sensor:10s}{tally.total():4d} mistakes: {counts}; {np.median(times):.1f} s, at most {max(times):.1f}",
+                flush=True,
+            )
+            false = alarms(robot, sensor, link, arguments)
+            print(f"{name:7s}{sensor:10s}{arguments.healthy:4d} healthy: {len(false)} alarms {' | '.join(false[:3])}", flush=True)
+
+
+def tried(robot: Robot, name: str, sensor: str, link: str, arguments: argparse.Namespace) -> tuple[Counter[str], list[float]]:
+    """What was said of mistaken sets, and how long that took."""
+    tally: Counter[str] = Counter()
+    times = []
+    for seed in range(arguments.seeds):
+        rng = np.random.default_rng([seed, 1])
+        setup = setup_of(robot, sensor, link, 2, 0.2, rng)
+        data = simulate_readings(setup, arguments.poses, rng, NOISE)
+        for kind, variants in mistakes(data, setup.robot).items():
+            words, change = variants[seed % len(variants)]
+            verdict, said, seconds = said_of(setup.robot, change(data))
+            verdict = ("named" if words in said else "other") if verdict == "refused" else verdict
+            tally[verdict] += 1
+            times.append(seconds)
+            if arguments.verbose and verdict != "named":
+                print(f"    {name} {sensor}, {kind}: {words}, seed {seed}, {verdict}: {said or 'nothing said'}", flush=True)
+    return tally, times
+
+
+def alarms(robot: Robot, sensor: str, link: str, arguments: argparse.Namespace) -> list[str]:
+    """What was said of healthy sets, where anything was."""
+    said = []
+    for seed in range(arguments.healthy):
+        mm, deg, share = HEALTHY[seed % 3]
+        rng = np.random.default_rng([seed, 2])
+        setup = setup_of(robot, sensor, link, mm, deg, rng)
+        data = with_outliers(simulate_readings(setup, arguments.poses, rng, NOISE), share, rng)
+        verdict, words, _ = said_of(setup.robot, data)
+        if verdict in ("refused", "rejected"):
+            said.append(f"set {seed}, {verdict}: {words}")
+    return said
+
+
+if __name__ == "__main__":
+    main()
