@@ -11,7 +11,7 @@ import pytest
 from tests.sensor_cases import NOISE, SensorCase, setup_of
 from urdfcal.calibration import fit
 from urdfcal.error_model import PriorScale
-from urdfcal.errors import UsageError
+from urdfcal.errors import FitRejected, UsageError
 from urdfcal.evaluation import evaluate
 from urdfcal.gauge import ModelOptions
 from urdfcal.geometry import MM
@@ -129,10 +129,12 @@ def test_flat_priors_of_instruments_change_nothing(robots: dict[str, Robot], rng
 
 
 def test_a_mirrored_measuring_frame_is_rejected(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """Points with one axis the wrong way round make a fit that turns joints as no robot is made, or none; neither is trusted."""
+    """Points with one axis the wrong way round are named; a fit of them as they are turns joints as no robot is made, or fails."""
     robot, data = data_of(POINTS, robots, rng)
     mirrored = changed(data, "point", lambda each: replace(each, values=each.values * [-1.0, 1.0, 1.0]))
-    assert fit(robot, mirrored).rejection
+    with pytest.raises(FitRejected, match="one axis of the points mirrored"):
+        fit(robot, mirrored)
+    assert fit(robot, mirrored, sane=False).rejection
 
 
 def test_a_calibration_says_what_it_is_in_a_line(robots: dict[str, Robot], rng: np.random.Generator) -> None:

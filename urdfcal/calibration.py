@@ -36,8 +36,9 @@ from urdfcal.pixel_start import in_pixels, require_screen_of_camera, start_of_pi
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
 from urdfcal.robust import degrees, robust_scale, squared_distances
+from urdfcal.scatter import extra_noise, in_words, states_noise, widened, without_stated_noise
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, kinds_of
 from urdfcal.start import Start
 from urdfcal.urdf_writer import with_origins
 
@@ -117,6 +118,7 @@ def fit(
     only: Sequence[str] = (),
     priors: Mapping[Kind, PriorScale] | None = None,
     spot_sigma: float | None = None,
+    sigmas: Mapping[str, float] | None = None,
     joint_sigma: float | Vector = 0.0,
     tolerance: float | None = None,
     max_sweeps: int | None = None,
@@ -144,6 +146,7 @@ def fit(
         only: Patterns; every other parameter is held.
         priors: Standard deviations by group: `joint`, `mount`, `screen`, `beam`.
         spot_sigma: Noise of a spot coordinate, [m]; estimated from the residual if None.
+        sigmas: The same of other readings by kind: `point`, `orientation`, `distance`, `plane`, `socket`, `pixel`; [m], [rad] or [px].
         joint_sigma: Noise of a joint reading, [rad], one number for all turning joints or one a joint, (inputs,).
         tolerance: When to stop: for `iterated` in posterior standard deviations, for `paper` the norm of the change in m and rad.
         max_sweeps: How many sweeps are allowed.
@@ -163,66 +166,20 @@ def fit(
     """
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
-    _check(robot, data, spot_sigma)
+    stated = {**(sigmas or {}), **({} if spot_sigma is None else {"spot": spot_sigma})}
+    _check(robot, data, stated)
     require_screen_of_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
-    robot = as_measured(robot, fit_set)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
-    errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, sessions), fit_set)
-    noise = noise_of(fit_set, spot_sigma, joint_sigmas(robot, joint_sigma))
-    bare, nominal = errors, nominal_fit(errors, fit_set, noise)
-    errors = nominal.errors
-    model = SpotModel(errors, fit_set, joints=bool(np.any(noise.joint_sigma)))
-    prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
-    method = replace(method, start=start_of_pixels(fit_set, errors, noise, sane) if in_pixels(fit_set) else nominal.x)
-    found = method.run(model, prior, noise)
-    if fit_set.seen.any() and not (method.label == "ekf, paper" or explains(model, found, noise)):
-        begun = begin(model, noise, sane)
-        errors, method = begun.errors, replace(method, start=begun.x)
-        model, prior = SpotModel(errors, fit_set, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
-        found = method.run(model, prior, noise)
-    if sane and method.label != "ekf, paper":
-        require_sane_readings(bare, model, found, noise)
-    clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
-    if len(clean.estimate.history) == 1:
-        require_beams_on_screen(model, begun.x)
-    model, found, fit_set = clean.model, clean.estimate, clean.model.data
-    stated_errors, chosen = errors, None
-    if evidence and method.shrinks and "joint" not in options.priors:
-        errors, found, chosen = _by_evidence(model, method, errors, noise, found, options)
-    here = model.linearise(found.belief.x)
-    seen = _decided(here, found, stated_errors, chosen)
-    plain = posterior(here, Belief(errors.mean, np.diag(errors.sigma**2)), found.noise)  # without what is unsure of the scales
-    freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
-    misfit = _misfit(method, found.noise, here, freedom)
-    calibration = Calibration(
-        robot=robot,
-        errors=errors,
-        estimate=found,
-        identifiability=seen,
-        before=nominal.table(fit_set),
-        nominal=nominal,
-        freedom=freedom,
-        outliers=clean.outliers,
-        evidence=chosen,
-        after=error_table(here, len(fit_set)),
-        test=None,
-        chi_squared=misfit,
-        data=fit_set,
-        test_data=None,
-        estimator=method.label,
-        error_model=options.error_model,
-        warnings=(
-            *data.warnings,
-            *model_warnings(robot, errors, options),
-            *((no_scale,) if no_scale else ()),
-            *((begun.message,) if begun.message else ()),
-            *few_spots(fit_set, noise, freedom),
-            *large_scales(chosen),
-            *disagreement(fit_set, found.noise, misfit, freedom),
-        ),
-    )
+    task = _Task(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
+    extra: dict[str, float] = {}
+    if method.gates and states_noise(fit_set):
+        loosely = replace(task, method=Method(gated=gated), evidence=False)
+        extra = extra_noise(loosely.fitted(without_stated_noise(fit_set)), fit_set)
+    calibration = task.fitted(widened(fit_set, extra))
+    warnings = (*data.warnings, *calibration.warnings, *in_words(extra))
+    calibration = replace(calibration, extra_noise=extra, warnings=warnings)
     return calibration if test_set is None else with_test(calibration, test_set)
 
 
@@ -238,11 +195,83 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
             f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
         )
     _require_same_instruments(calibration, test)
+    test = widened(test, calibration.extra_noise)
     joints = bool(np.any(calibration.estimate.noise.joint_sigma))
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
     model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is to be fitted, and how: the arguments of `fit` once they were looked at."""
+
+    robot: Robot
+    method: Method
+    options: ModelOptions
+    sessions: tuple[str, ...]
+    stated: Mapping[str, float]
+    joint_sigma: Vector
+    evidence: bool
+    sane: bool
+
+    def fitted(self, data: Measurements) -> Calibration:
+        """The calibration by some measurements."""
+        robot, method = self.robot, self.method
+        errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, self.options, self.sessions), data)
+        noise = noise_of(data, self.stated, self.joint_sigma)
+        bare, nominal = errors, nominal_fit(errors, data, noise)
+        errors = nominal.errors
+        model = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))
+        prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
+        method = replace(method, start=start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x)
+        found = method.run(model, prior, noise)
+        if data.seen.any() and not (method.label == "ekf, paper" or explains(model, found, noise)):
+            begun = begin(model, noise, self.sane)
+            errors, method = begun.errors, replace(method, start=begun.x)
+            model, prior = SpotModel(errors, data, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
+            found = method.run(model, prior, noise)
+        if self.sane and method.label != "ekf, paper":
+            require_sane_readings(bare, model, found, noise)
+        clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
+        if len(clean.estimate.history) == 1:
+            require_beams_on_screen(model, begun.x)
+        model, found, data = clean.model, clean.estimate, clean.model.data
+        stated_errors, chosen = errors, None
+        if self.evidence and method.shrinks and "joint" not in self.options.priors:
+            errors, found, chosen = _by_evidence(model, method, errors, noise, found, self.options)
+        here = model.linearise(found.belief.x)
+        seen = _decided(here, found, stated_errors, chosen)
+        plain = posterior(here, Belief(errors.mean, np.diag(errors.sigma**2)), found.noise)  # without what is unsure of the scales
+        freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
+        misfit = _misfit(method, found.noise, here, freedom)
+        return Calibration(
+            robot=robot,
+            errors=errors,
+            estimate=found,
+            identifiability=seen,
+            before=nominal.table(data),
+            nominal=nominal,
+            freedom=freedom,
+            outliers=clean.outliers,
+            evidence=chosen,
+            after=error_table(here, len(data)),
+            test=None,
+            chi_squared=misfit,
+            data=data,
+            test_data=None,
+            estimator=method.label,
+            error_model=self.options.error_model,
+            warnings=(
+                *model_warnings(robot, errors, self.options),
+                *((no_scale,) if no_scale else ()),
+                *((begun.message,) if begun.message else ()),
+                *few_spots(data, noise, freedom),
+                *large_scales(chosen),
+                *disagreement(data, found.noise, misfit, freedom),
+            ),
+        )
 
 
 def _by_evidence(
@@ -273,9 +302,12 @@ def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: E
     return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
 
 
-def _check(robot: Robot, data: Measurements, spot_sigma: float | None) -> None:
-    if spot_sigma is not None and not spot_sigma > 0:
-        raise UsageError(f"the spot noise must be above zero, found {spot_sigma:g} m")
+def _check(robot: Robot, data: Measurements, stated: Mapping[str, float]) -> None:
+    for kind, sigma in stated.items():
+        if kind not in kinds_of(data):
+            raise UsageError(f"noise of a {kind} is stated, but the measurements have none; they have {', '.join(kinds_of(data))}")
+        if not sigma > 0:
+            raise UsageError(f"the {kind} noise must be above zero, found {sigma:g}")
     if data.joints != robot.chain.input_names or data.lasers != robot.rig.lasers:
         raise ShapeMismatch(
             f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "

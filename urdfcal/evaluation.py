@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from urdfcal.error_model import ErrorModel
@@ -26,7 +28,7 @@ def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = No
     """
     robot = as_measured(robot, data)
     errors = build_error_model(robot.chain, robot.rig, options, data.session_names or ("",)) if data.readings else _bare(robot, data)
-    return nominal_fit(errors, data, noise_of(data, None, np.zeros(len(robot.chain.inputs)))).table(data)
+    return nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs)))).table(data)
 
 
 def as_measured(robot: Robot, data: Measurements) -> Robot:
@@ -52,14 +54,14 @@ def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     )
 
 
-def noise_of(data: Measurements, spot_sigma: float | None, joint_sigma: Vector) -> Noise:
-    """Noise of every kind of measurement: as stated on the command line, with the measurements, or where its estimation starts."""
+def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector) -> Noise:
+    """Noise of every kind of measurement: as known by kind, stated with the measurements, or where its estimation starts."""
     sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
     for kind, name in enumerate(kinds_of(data)):
         of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
         own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
-        if name == "spot" and spot_sigma is not None:
-            sigma[kind], stated[kind] = spot_sigma, True
+        if name in known:
+            sigma[kind], stated[kind] = known[name], True
         elif not len(own):  # nothing to estimate it from, and nothing that it matters to
             stated[kind] = True
         elif np.isfinite(own).all():

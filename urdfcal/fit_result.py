@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -49,6 +50,7 @@ class FitResult:
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
         test_outliers: Gross outliers among the test poses, left out of their table.
         folds: Distances before and after of poses that were left out in turn, and how many fits that took; None if it was not asked.
+        extra_noise: What readings scatter beyond what their columns state, by kind, [m], [rad] or [px].
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
     """
 
@@ -71,6 +73,7 @@ class FitResult:
     evidence: Evidence | None = None
     test_outliers: tuple[Outlier, ...] = ()
     folds: tuple[SpotTable, SpotTable, int] | None = None
+    extra_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def x(self) -> Vector:

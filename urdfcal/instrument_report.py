@@ -39,13 +39,22 @@ def noise_in_words(calibration: FitResult) -> str:
     return ", ".join(words)
 
 
+def noise_source(calibration: FitResult) -> str:
+    """Where the noise is known from: `stated`, `estimated from the residual`, `stated, and 0.28 mm of spot noise on top`."""
+    noise = calibration.estimate.noise
+    if calibration.extra_noise:
+        return f"stated, and {' and '.join(_of_noise(*each) for each in calibration.extra_noise.items())} on top"
+    return "stated" if noise.all_stated else "estimated from the residual" if calibration.freedom >= LEAST_FREEDOM else "assumed"
+
+
+def _of_noise(kind: str, sigma: float) -> str:
+    name, size, unit = _NOISE[kind]
+    return f"{sigma / size:.3g} {unit} of {name}"
+
+
 def assumed_noise(data: Measurements, noise: Noise) -> str:
     """`1 mm of spot noise`, `0.5 mm of point noise and 0.05 deg of orientation noise`; what measurements state of their own is not told."""
-    words = []
-    for kind, sigma in zip(kinds_of(data), noise.sigma.tolist(), strict=True):
-        name, size, unit = _NOISE[kind]
-        words.append(f"{sigma / size:.3g} {unit} of {name}")
-    return " and ".join(words)
+    return " and ".join(_of_noise(*each) for each in zip(kinds_of(data), noise.sigma.tolist(), strict=True))
 
 
 def first_kind(calibration: FitResult) -> tuple[str, str, float]:

@@ -15,8 +15,7 @@ from urdfcal.dh import DhRow
 from urdfcal.error_model import INSTRUMENTS
 from urdfcal.geometry import DEG, MM
 from urdfcal.identifiability import Combination, correlated_groups
-from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
-from urdfcal.noise import LEAST_FREEDOM
+from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, noise_source, parameters_in_words, place_entries
 from urdfcal.spot_model import kinds_of
 
 if TYPE_CHECKING:
@@ -160,6 +159,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "places": place_entries(calibration),
         "lengths": length_entries(calibration),
         "spot_sigma_stated": noise.all_stated,
+        "extra_noise": dict(calibration.extra_noise),
         "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         "parameters": parameter_entries(calibration),
         "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
@@ -181,16 +181,16 @@ def table_json(table: SpotTable) -> dict[str, Any]:
 
 
 def _headline(calibration: FitResult) -> str:
-    data, noise = calibration.data, calibration.estimate.noise
+    data = calibration.data
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
-    kind = "stated" if noise.all_stated else "estimated from the residual" if calibration.freedom >= LEAST_FREEDOM else "assumed"
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
         f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {len(data)} poses with {data.summary}\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
-        f"{noise_in_words(calibration)} ({kind}), chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
+        f"{noise_in_words(calibration)} ({noise_source(calibration)}), "
+        f"chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
 
 

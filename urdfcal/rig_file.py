@@ -7,7 +7,7 @@ Every entry may be missing:
     error_model: auto
     error_models: {joint3: offset}     # single joints
     estimate: [beams]
-    noise: {spot_mm: 1.0, joint_deg: 0.05}
+    noise: {spot_mm: 1.0, joint_deg: 0.05, point_mm: 0.1}  # also orientation_deg, distance_mm, plane_mm, socket_mm, pixel_px
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
     reference: tracker                 # link that points and orientations are measured from
     reference_known: false
@@ -56,8 +56,26 @@ class NoiseEntry(_Strict):
     """Stated noise."""
 
     spot_mm: Positive | None = None
+    point_mm: Positive | None = None
+    orientation_deg: Positive | None = None
+    distance_mm: Positive | None = None
+    plane_mm: Positive | None = None
+    socket_mm: Positive | None = None
+    pixel_px: Positive | None = None
     joint_deg: NotNegative | None = None
     joints_deg: dict[str, NotNegative] = {}
+
+    def of_readings(self) -> dict[str, float]:
+        """What is stated of instruments beside lasers, by kind of reading: [m], [rad] or [px]."""
+        stated = {
+            "point": (self.point_mm, MM),
+            "orientation": (self.orientation_deg, DEG),
+            "distance": (self.distance_mm, MM),
+            "plane": (self.plane_mm, MM),
+            "socket": (self.socket_mm, MM),
+            "pixel": (self.pixel_px, 1.0),
+        }
+        return {kind: value * unit for kind, (value, unit) in stated.items() if value is not None}
 
 
 class ParameterEntry(_Strict):

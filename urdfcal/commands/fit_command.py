@@ -29,7 +29,6 @@ from urdfcal.commands.options import (
     Estimate,
     Fix,
     Formats,
-    GravityOption,
     JointSigma,
     Json,
     Lasers,
@@ -115,7 +114,12 @@ def fit(
     sag: Annotated[
         bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
     ] = True,
-    gravity: GravityOption = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Direction of gravity's pull in the root link, or estimate. Default: 0,0,-1.", show_default=False
+        ),
+    ] = None,
     payload: Payloads = None,
     also: Annotated[
         list[str] | None,
@@ -185,7 +189,8 @@ def fit(
         "estimator": estimator,
         "schedule": schedule,
         "options": replace(options, reference_known=options.reference_known or reference_known),
-        "spot_sigma": spot_noise(rig_file, spot_sigma_mm),
+        "spot_sigma": spot_noise(data, rig_file, spot_sigma_mm),
+        "sigmas": rig_file.noise.of_readings(),
         "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
         "tolerance": positive("--tolerance", tolerance),
         "max_sweeps": max_sweeps,

@@ -112,6 +112,8 @@ def sag_wish(wanted: bool, gravity: str | None, payloads: Sequence[str] | None, 
     Raises:
         UsageError: an option means nothing.
     """
+    if not wanted and (gravity is not None or payloads or also):
+        raise UsageError("--gravity, --payload and --also are about the sag that --no-sag leaves out; use one of the two")
     for term in also or ():
         if term not in EXTRAS:
             raise UsageError(f"--also {term}: there are: {', '.join(EXTRAS)}")

@@ -75,8 +75,8 @@ def measured(
     if target is not None:
         robot.tree.require_link(target)
     data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
-    lengths = known_lengths(rig.lengths() if rig else (), data.readings)
-    data = replace(data, lengths=lengths) if lengths else data
+    if rig is not None:
+        data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     return as_measured(robot, data), data
 
 
@@ -132,8 +132,14 @@ def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     return np.radians(degrees)
 
 
-def spot_noise(rig: RigFile, stated_mm: float | None) -> float | None:
-    """Standard deviation of a spot coordinate, [m], if it is stated anywhere."""
+def spot_noise(data: Measurements, rig: RigFile, stated_mm: float | None) -> float | None:
+    """Standard deviation of a spot coordinate, [m], if it is stated anywhere.
+
+    Raises:
+        UsageError: it is stated for measurements without spots on a screen.
+    """
+    if stated_mm is not None and not data.lasers:
+        raise UsageError("--spot-sigma-mm: no laser spots are measured; state other noise in rig.yaml (noise: {point_mm: 0.1}) or columns")
     millimetres = positive("--spot-sigma-mm", stated_mm) or rig.noise.spot_mm
     return None if millimetres is None else millimetres * 1e-3
 

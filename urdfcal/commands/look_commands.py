@@ -117,7 +117,7 @@ def check(
         arm,
         data,
         options=options,
-        spot_sigma=spot_noise(rig_file, spot_sigma_mm),
+        spot_sigma=spot_noise(data, rig_file, spot_sigma_mm),
         joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
         rng=np.random.default_rng(seed),
     )

@@ -104,15 +104,6 @@ CameraOption = Annotated[
         show_default=False,
     ),
 ]
-GravityOption = Annotated[
-    str | None,
-    typer.Option(
-        "--gravity",
-        metavar="X,Y,Z",
-        help="Direction of gravity's pull in the root link, or estimate. Default: 0,0,-1.",
-        show_default=False,
-    ),
-]
 Payloads = Annotated[
     list[str] | None,
     typer.Option("--payload", metavar="KG@LINK", help="Mass in kg that hangs on a link, e.g. 2.5@tool0; repeatable.", show_default=False),

@@ -25,10 +25,17 @@ def render(
     poses: Annotated[
         Path, typer.Argument(metavar="POSES", help="CSV of joint columns; spots in it are shown, else the robot's own.", show_default=False)
     ],
-    camera: Annotated[Path, typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera.", show_default=False)],
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures and truth.csv.", show_default=False)
     ],
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="YAML",
+            help="Lens and screen, from urdfcal camera. Default: a camera that sees all spots; DIR/camera.yaml says which.",
+            show_default=False,
+        ),
+    ] = None,
     calibrated: Annotated[
         Path | None,
         typer.Option(
@@ -64,12 +71,13 @@ def render(
     import numpy as np
 
     from urdfcal.files import write_whole
-    from urdfcal.vision.camera_file import read_camera
+    from urdfcal.vision.camera_file import camera_yaml, read_camera
     from urdfcal.vision.csv_table import read_csv_table
     from urdfcal.vision.render_scene import Beam, Lighting
     from urdfcal.vision.render_sensor import Sensor
     from urdfcal.vision.rendering import Studio, pictures, png, truth_csv
     from urdfcal.vision.screen_markers import read_screen_markers
+    from urdfcal.vision.usual_camera import usual_camera
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     say(verbose, about(arm))
@@ -82,7 +90,8 @@ def render(
         if not 0 <= share <= 1:
             raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
     look = Beam(words[0], (positive("--spot-mm", spot_mm) or 4.0) * 1e-3 / 4, positive("--brightness", brightness) or 0.9, halo)
-    view = read_camera(camera)
+    beams = _beams(arm, poses, calibrated)
+    view = usual_camera(beams.spots.reshape(-1, 2)) if camera is None else read_camera(camera)
     studio = Studio(
         view,
         [Beam(word, look.width, look.brightness, look.halo) for word in words],
@@ -97,9 +106,12 @@ def render(
     _require_folder(output)
     require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
     table = read_csv_table(poses, "one row a pose")
-    beams = _beams(arm, poses, calibrated)
     names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
     output.mkdir(exist_ok=True)
+    if camera is None:
+        write_whole(
+            output / "camera.yaml", camera_yaml(view, {"made_by": "urdfcal render: a camera that sees all spots; none was calibrated"})
+        )
     shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
     with ProgressBar("rendering", len(names) * frames, quiet or as_json) as advance:
         for shot in pictures(studio, beams, np.random.default_rng(seed), dark is not None):
@@ -114,9 +126,10 @@ def render(
     count = int(np.sum(shown))
     outside = int(np.isfinite(beams.spots[..., 0]).sum()) - count
     warn([f"{outside} spots are left out or outside of the picture"] if outside else [], quiet)
+    beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
     finish(
         {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
-        f"wrote {len(names) * frames} simulated pictures with {count} spots, and truth.csv, to {output}",
+        f"wrote {len(names) * frames} simulated pictures with {count} spots, and {beside}, to {output}",
         quiet,
     )
 

@@ -11,7 +11,6 @@ import typer
 from urdfcal.commands.console import ProgressBar, finish, say, show
 from urdfcal.commands.inputs import about, arm7_file, load, positive, require_places
 from urdfcal.commands.options import (
-    GravityOption,
     Json,
     Lasers,
     PackageDirs,
@@ -60,7 +59,10 @@ def simulate(
     eccentricity_mrad: Annotated[
         float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")
     ] = 0.0,
-    gravity: GravityOption = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Direction of gravity's pull in the root link. Default: 0,0,-1.", show_default=False),
+    ] = None,
     payload: Payloads = None,
     screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
     sensor: Annotated[

@@ -16,7 +16,7 @@ from urdfcal.calibration_file import sha256
 from urdfcal.error_model import FLAT
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG
-from urdfcal.instrument_report import noise_in_words, rig_in_words
+from urdfcal.instrument_report import noise_in_words, noise_source, rig_in_words
 from urdfcal.measurements import Measurements
 from urdfcal.report import displayed
 from urdfcal.reporting.document import Table
@@ -60,7 +60,7 @@ def _data_rows(label: str, data: Measurements) -> list[tuple[str, str]]:
 
 def _noise_text(calibration: FitResult) -> str:
     noise = calibration.estimate.noise
-    kind = "stated" if noise.all_stated else "estimated from the residuals" if honest_covariance(calibration) else "assumed"
+    kind = noise_source(calibration) if noise.all_stated or honest_covariance(calibration) else "assumed"
     joints = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma)
     readings = f"; joint readings {', '.join(joints)}" if np.any(noise.joint_sigma) else "; joint readings taken as exact"
     spots = f"{noise_in_words(calibration)} ({kind})"

@@ -172,7 +172,7 @@ def placed_targets(robot: Robot, data: Measurements) -> PlacedTargets:
         data: Measurements of one session; spots in pixels are turned into spots before.
     """
     errors = build_error_model(robot.chain, robot.rig, None, data.session_names or ("",))
-    found = nominal_fit(errors, data, noise_of(data, None, np.zeros(len(robot.chain.inputs))))
+    found = nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs))))
     return PlacedTargets(robot, data, found.alone, found.instruments)
 
 

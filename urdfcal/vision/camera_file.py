@@ -81,9 +81,7 @@ def camera_yaml(camera: Camera, provenance: Mapping[str, Any] | None = None) -> 
     present = {name: value for name, value in content.items() if value is not None}
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     text = yaml.dump(present, Dumper=dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
-    return (
-        f"# Camera by urdfcal camera. Metres and radians, pixels where the name says px; T_camera_screen as xyz and rpy.\n{text}".encode()
-    )
+    return f"# A camera. Metres and radians, pixels where the name says px; T_camera_screen as xyz and rpy.\n{text}".encode()
 
 
 def read_camera(path: str | Path) -> Camera:

@@ -1,0 +1,76 @@
+"""Noise beyond what is stated with each reading.
+
+What a column states is what the sensor knows of itself: how well a camera finds a spot. An arm that does not come back to where it
+was, and what no error model follows, come on top, and no column tells how much. Where readings scatter more than they state, the
+rest is estimated and added to each of them, s_i^2 = stated_i^2 + extra^2, by kind, so that their shares stay: a spot that is seen at
+a slant still counts for less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from urdfcal.fit_result import FitResult
+from urdfcal.geometry import DEG, MM
+from urdfcal.measurements import Measurements, noun
+from urdfcal.noise import LEAST_FREEDOM
+from urdfcal.spot_model import SpotModel, kinds_of
+
+_SURE = 4.0  # sigmas of chi-squared beyond which there is more noise than stated
+_UNITS = {"orientation": ("deg", DEG), "pixel": ("px", 1.0)}
+
+
+def states_noise(data: Measurements) -> bool:
+    """Whether any reading states its own noise."""
+    own = [data.sigma[data.seen], *(each.sigma[each.seen] for each in data.readings)]
+    return any(np.isfinite(sigma).any() for sigma in own)
+
+
+def without_stated_noise(data: Measurements) -> Measurements:
+    """The same measurements as if none stated its noise."""
+    readings = tuple(replace(each, sigma=np.full_like(each.sigma, np.nan)) for each in data.readings)
+    return replace(data, sigma=np.full_like(data.sigma, np.nan), readings=readings)
+
+
+def extra_noise(loosely: FitResult, data: Measurements) -> dict[str, float]:
+    """What has to be added to the stated noise, by kind, [m], [rad] or [px]; nothing of kinds that scatter as they state.
+
+    Args:
+        loosely: The fit of these measurements without what they state.
+        data: The measurements with what they state.
+    """
+    here = SpotModel(loosely.errors, loosely.data).linearise(loosely.x)
+    sigma, found = SpotModel(loosely.errors, data).stated_sigma, {}
+    residual, measured = here.residual[: len(data)], here.measured[: len(data)]
+    for kind, name in enumerate(kinds_of(data)):
+        own = measured & np.isfinite(sigma) & (here.kinds == kind)
+        free = np.count_nonzero(own) * loosely.freedom / max(here.count, 1)
+        if free < LEAST_FREEDOM:
+            continue
+        known, seen = sigma[own] ** 2, residual[own] ** 2 * np.count_nonzero(own) / free
+        if np.mean(seen / known) > 1 + _SURE * np.sqrt(2 / free) and np.mean(seen) > np.mean(known):
+            found[name] = float(np.sqrt(np.mean(seen) - np.mean(known)))
+    return found
+
+
+def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:
+    """The measurements with more noise than they state."""
+    if not extra:
+        return data
+    readings = tuple(replace(each, sigma=np.hypot(each.sigma, extra.get(each.kind, 0.0))) for each in data.readings)
+    return replace(data, sigma=np.hypot(data.sigma, extra.get("spot", 0.0)), readings=readings)
+
+
+def in_words(extra: Mapping[str, float]) -> tuple[str, ...]:
+    """A warning for each kind that scatters more than it states."""
+    warnings = []
+    for kind, size in extra.items():
+        unit, factor = _UNITS.get(kind, ("mm", MM))
+        warnings.append(
+            f"the {noun(kind)} scatter more than their .sigma columns state: {size / factor:.3g} {unit} were added to each in quadrature, "
+            "as noise that the sensor does not know of"
+        )
+    return tuple(warnings)
