@@ -16,6 +16,7 @@ from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.render_scene import Beam, Lighting, backdrop, spot_light
 from urdfcal.vision.render_sensor import Sensor
 from urdfcal.vision.screen_markers import ScreenMarkers
+from urdfcal.vision.usual_camera import usual_camera
 
 ARM = ROBOTS_DIR / "arm7" / "arm7.urdf.xacro"
 SQUARELY = np.array([1.0, 0.0, 0.0])
@@ -111,7 +112,32 @@ def test_a_calibrated_robot_shows_its_own_spots(tmp_path: Path, run_cli: Callabl
         assert [float(x) for x in a.split(",") if x] == pytest.approx([float(x) for x in b.split(",") if x], abs=1e-6)
 
 
+def test_without_a_camera_one_is_placed(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """A camera that sees all spots is put in front of the screen and written beside the pictures; spots are found through it."""
+    run_cli("simulate", ARM, "-o", "m.csv", "--poses", "4", "--spot-noise-mm", "0")
+    done = run_cli("render", ARM, "m.csv", "-o", "pics")
+    assert (done.code, "8 spots" in done.out, "camera.yaml" in done.out) == (0, True, True)
+    done = run_cli("spots", "pics", "--camera", "pics/camera.yaml", "--robot", ARM, "--poses", "m.csv", "-o", "found.csv")
+    assert done.code == 0, done.err
+    truth, found = (np.genfromtxt(tmp_path / name, delimiter=",", names=True, skip_header=1) for name in ("pics/truth.csv", "found.csv"))
+    off = found["laser_1y"] - truth["laser_1y"]
+    assert np.nanmax(np.abs(off)) < 1e-3
+
+
+@pytest.mark.parametrize("far", [0.1, 1.0, 30.0])
+def test_the_usual_camera_sees_everything(far: float, rng: np.random.Generator) -> None:
+    """All spots lie inside the picture and fill a good part of it, however large the screen is."""
+    spots = np.vstack([rng.uniform(-far, far, (40, 2)) + far, [np.nan, np.nan]])
+    view = usual_camera(spots)
+    pixels = view.pixels_of_spots(spots[:-1])
+    size = np.array(view.size)
+    assert (pixels > 0).all()
+    assert (pixels < size - 1).all()
+    assert np.ptp(pixels, axis=0).max() > (0.15 if far < 0.2 else 0.4) * size.min()
+
+
 BAD = {
+    "no spot": (("render", ARM, "off.csv", "-o", "pics"), "no beam meets the screen in these poses"),
     "no camera": (("render", ARM, "m.csv", "--camera", "none.yaml", "-o", "pics"), "none.yaml: cannot be read"),
     "no poses": (("render", ARM, "none.csv", "--camera", "camera.yaml", "-o", "pics"), "none.csv: cannot be read"),
     "colour": (
@@ -155,6 +181,7 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
     (tmp_path / "q.csv").write_text("pose,q\na,1\n")
     (tmp_path / "image.csv").write_text("image,q\nother.png,1\n")
     (tmp_path / "m.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na" + ",0" * 7 + "\n")
+    (tmp_path / "off.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na,3.1" + ",0" * 6 + "\n")
     before = sorted(tmp_path.rglob("*"))
     done = run_cli(*words)
     assert (done.code, done.err.count("\n")) == (2, 1), done.err

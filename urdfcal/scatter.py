@@ -12,9 +12,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import brentq
 
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import DEG, MM
+from urdfcal.geometry import DEG, MM, Vector
 from urdfcal.measurements import Measurements, noun
 from urdfcal.noise import LEAST_FREEDOM
 from urdfcal.spot_model import SpotModel, kinds_of
@@ -51,9 +52,15 @@ def extra_noise(loosely: FitResult, data: Measurements) -> dict[str, float]:
         if free < LEAST_FREEDOM:
             continue
         known, seen = sigma[own] ** 2, residual[own] ** 2 * np.count_nonzero(own) / free
-        if np.mean(seen / known) > 1 + _SURE * np.sqrt(2 / free) and np.mean(seen) > np.mean(known):
-            found[name] = float(np.sqrt(np.mean(seen) - np.mean(known)))
+        if np.mean(seen / known) > 1 + _SURE * np.sqrt(2 / free):
+            found[name] = _beyond(known, seen)
     return found
+
+
+def _beyond(known: Vector, seen: Vector) -> float:
+    """The s with mean(seen / (known + s^2)) = 1, where that mean is above 1 at s = 0; all of them squares."""
+    s_squared = brentq(lambda s_squared: float(np.mean(seen / (known + s_squared))) - 1, 0.0, float(seen.sum()))
+    return float(np.sqrt(s_squared))
 
 
 def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:
