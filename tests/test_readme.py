@@ -8,9 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import CliResult
 from urdfcal.gauge import build_error_model
 from urdfcal.rig_file import read_rig_file
 from urdfcal.robot import Robot
+from urdfcal.vision.screen_markers import read_screen_markers
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text("utf-8")
@@ -46,10 +48,26 @@ def test_rig_blocks_are_taken(block: str, tmp_path: Path, robots: dict[str, Robo
     assert "joint2.d_a" not in errors.names
 
 
-def test_the_output_shown_is_the_output(run_cli: Callable[..., object]) -> None:
+def test_the_screen_block_is_taken(tmp_path: Path) -> None:
+    """The screen.yaml in the README is read."""
+    (block,) = blocks("yaml screen.yaml")
+    (tmp_path / "screen.yaml").write_text(block)
+    assert len(read_screen_markers(tmp_path / "screen.yaml").centres) == 4
+
+
+def test_the_line_without_hardware_runs(checkout: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Simulated poses become pictures, pictures spots, and spots a calibrated URDF, as the README has it."""
+    (block,) = (block for block in blocks("bash") if "tried without hardware" in block)
+    for line in block.splitlines():
+        done = run_cli(*line.partition("#")[0].split()[1:])
+        assert done.code == 0, done.err
+    assert (checkout / "arm7_calibrated.urdf").exists()
+
+
+def test_the_output_shown_is_the_output(run_cli: Callable[..., CliResult]) -> None:
     """The tables printed under the first command are what it prints today."""
     done = run_cli("fit", ROOT / "robots" / "arm7" / "arm7.urdf.xacro", ROOT / "robots" / "arm7" / "measurements.csv")
-    printed = [line.rstrip() for line in done.out.splitlines()]  # type: ignore[attr-defined]
+    printed = [line.rstrip() for line in done.out.splitlines()]
     shown = re.search(r"and prints\n\n(.*?)\n\nA sigma", README, re.DOTALL)
     assert shown
     lines = [line.removeprefix("    ").rstrip() for line in shown[1].splitlines()]
@@ -57,9 +75,9 @@ def test_the_output_shown_is_the_output(run_cli: Callable[..., object]) -> None:
     assert missing == []
 
 
-def test_every_command_is_in_the_table(run_cli: Callable[..., object]) -> None:
+def test_every_command_is_in_the_table(run_cli: Callable[..., CliResult]) -> None:
     """The README's table of commands has every command of --help."""
-    listed = re.search(r"Commands:\n(.*)", run_cli("--help").out, re.DOTALL)  # type: ignore[attr-defined]
+    listed = re.search(r"Commands:\n(.*)", run_cli("--help").out, re.DOTALL)
     assert listed
     commands = set(re.findall(r"^  (\w+) ", listed[1], re.MULTILINE)) - {"version"}
     assert commands == set(re.findall(r"^\| `urdfcal (\w+)", README, re.MULTILINE))

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, Vector
@@ -59,6 +58,8 @@ def extra_noise(loosely: FitResult, data: Measurements) -> dict[str, float]:
 
 def _beyond(known: Vector, seen: Vector) -> float:
     """The s with mean(seen / (known + s^2)) = 1, where that mean is above 1 at s = 0; all of them squares."""
+    from scipy.optimize import brentq
+
     s_squared = brentq(lambda s_squared: float(np.mean(seen / (known + s_squared))) - 1, 0.0, float(seen.sum()))
     return float(np.sqrt(s_squared))
 
