@@ -34,7 +34,7 @@ def test_scales_and_noise_are_those_of_the_truth(rng: np.random.Generator) -> No
     spread = np.array([{"d_a": 1e-3, "d_d": 1e-3, "d_alpha": 4e-3, "d_theta": 2e-2}[name.split(".")[1]] for name in names])
     errors, linearise = linear(rng, names, rng.normal(0, 1, len(names)) * spread, 2e-3, 1000)
     noise = Noise(1e-3, np.zeros(0), stated=False)
-    first = iterated_schedule(linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise)
+    first = iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise)
     _, found, chosen = by_evidence(linearise, errors, noise, first)
     assert chosen.scales["translation"] == pytest.approx(1e-3, rel=0.25)
     assert chosen.scales["rotation"] == pytest.approx(4e-3, rel=0.35)

@@ -52,7 +52,7 @@ def noise_of(robot: Robot) -> Noise:
 
 def fitted(model: SpotModel, errors: ErrorModel, noise: Noise, x: Vector) -> Estimate:
     """The iterated fit from a given state."""
-    return iterated_schedule(model.linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
+    return iterated_schedule(model.linearise, Belief.independent(errors.mean, errors.sigma), noise, start=x)
 
 
 @pytest.mark.parametrize("where", ["on the screen", "turned away from it"])

@@ -32,7 +32,7 @@ def measured(robot: Robot, rng: np.random.Generator) -> tuple[ErrorModel, np.nda
 def clean_fit(errors: ErrorModel, data: Measurements, estimator: str = "ekf", start: np.ndarray | None = None) -> CleanFit:
     """The fit of some measurements, outliers taken out."""
     method, model, noise = Method(estimator, start=start), SpotModel(errors, data), Noise(1e-3, np.zeros(data.q.shape[1]), stated=False)
-    prior = Belief(errors.mean, np.diag(errors.sigma**2))
+    prior = Belief.independent(errors.mean, errors.sigma)
     return fit_without_outliers(method, model, prior, noise, method.run(model, prior, noise))
 
 

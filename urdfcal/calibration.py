@@ -38,7 +38,7 @@ from urdfcal.robot import Robot, robot_from
 from urdfcal.robust import degrees, robust_scale, squared_distances
 from urdfcal.scatter import extra_noise, in_words, states_noise, widened, without_stated_noise
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel, kinds_of
+from urdfcal.spot_model import SpotModel, kinds_of, model_for
 from urdfcal.start import Start
 from urdfcal.urdf_writer import with_origins
 
@@ -196,7 +196,7 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
         )
     _require_same_instruments(calibration, test)
     test = widened(test, calibration.extra_noise)
-    joints = bool(np.any(calibration.estimate.noise.joint_sigma))
+    joints = calibration.estimate.noise.of_joints
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
     model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
@@ -223,14 +223,14 @@ class _Task:
         noise = noise_of(data, self.stated, self.joint_sigma)
         bare, nominal = errors, nominal_fit(errors, data, noise)
         errors = nominal.errors
-        model = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))
-        prior, begun = Belief(errors.mean, np.diag(errors.sigma**2)), Start(nominal.x, errors)
+        model = model_for(errors, data, noise)
+        prior, begun = Belief.independent(errors.mean, errors.sigma), Start(nominal.x, errors)
         method = replace(method, start=start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x)
         found = method.run(model, prior, noise)
         if data.seen.any() and not (method.label == "ekf, paper" or explains(model, found, noise)):
             begun = begin(model, noise, self.sane)
             errors, method = begun.errors, replace(method, start=begun.x)
-            model, prior = SpotModel(errors, data, model.joints), Belief(errors.mean, np.diag(errors.sigma**2))
+            model, prior = SpotModel(errors, data, model.joints), Belief.independent(errors.mean, errors.sigma)
             found = method.run(model, prior, noise)
         if self.sane and method.label != "ekf, paper":
             require_sane_readings(bare, model, found, noise)
@@ -243,7 +243,7 @@ class _Task:
             errors, found, chosen = _by_evidence(model, method, errors, noise, found, self.options)
         here = model.linearise(found.belief.x)
         seen = _decided(here, found, stated_errors, chosen)
-        plain = posterior(here, Belief(errors.mean, np.diag(errors.sigma**2)), found.noise)  # without what is unsure of the scales
+        plain = posterior(here, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
         freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
         misfit = _misfit(method, found.noise, here, freedom)
         return Calibration(
@@ -284,7 +284,7 @@ def _by_evidence(
     errors, refitted, chosen = by_evidence(model.linearise, errors, noise, found, stated)
     if method.estimator != "ekf":
         again = replace(method, start=refitted.belief.x)
-        refitted = again.run(model, Belief(errors.mean, np.diag(errors.sigma**2)), replace(refitted.noise, stated=True))
+        refitted = again.run(model, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
         belief = Belief(refitted.belief.x, with_unsure_scales(errors, chosen.groups, refitted.belief))
         refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
     return errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen
@@ -298,7 +298,7 @@ def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: E
     belief = found.belief
     if chosen is None:
         return identify(stated.names, belief.x, belief.P, stated.sigma)
-    P = posterior(here, Belief(stated.mean, np.diag(stated.sigma**2)), found.noise)
+    P = posterior(here, Belief.independent(stated.mean, stated.sigma), found.noise)
     return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
 
 

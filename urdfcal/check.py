@@ -23,7 +23,7 @@ from urdfcal.reading_suggestions import Trial, reading_suggestions
 from urdfcal.robot import Robot
 from urdfcal.sensors import makes_spot, spot_jacobian, spots_on_screen
 from urdfcal.simulation import joint_limits
-from urdfcal.spot_model import SpotModel, start_sigma
+from urdfcal.spot_model import model_for, start_sigma
 from urdfcal.suggestions import Suggestion, determined_names, if_worth, is_wider, open_share, posterior_of, whitened
 
 _SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
@@ -197,7 +197,7 @@ def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data:
     for name, value in _MOVED_SCREEN.items():
         x[moved.names.index(f"{robot.rig.screen}:{_ELSEWHERE}.{name}")] = value
     again = replace(data, sessions=np.full(len(data), _ELSEWHERE), spots=np.where(np.isnan(data.spots), np.nan, 0.0))
-    here = SpotModel(moved, again, joints=bool(np.any(noise.joint_sigma))).linearise(x)
+    here = model_for(moved, again, noise).linearise(x)
     extra = noise.weights(here).jacobian(_without_lost(here))
     wide = np.zeros((len(H), len(moved.names)))
     wide[:, [moved.names.index(name) for name in errors.names]] = H

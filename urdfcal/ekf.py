@@ -49,6 +49,11 @@ class Belief:
     x: Vector
     P: Matrix
 
+    @staticmethod
+    def independent(mean: Vector, sigma: Vector) -> Belief:
+        """Parameters of which none tells anything of another, such as a prior; means and standard deviations, (p,)."""
+        return Belief(mean, np.diag(sigma**2))
+
 
 @dataclass(frozen=True)
 class Sweep:

@@ -90,7 +90,7 @@ def by_evidence(
         before = np.array([*scales.values(), *chosen.sigma])
         scales, chosen = _chosen(linearise, errors, groups, chosen, found.belief.x, scales)
         errors = _with_scales(errors, groups, scales)
-        prior = Belief(errors.mean, np.diag(errors.sigma**2))
+        prior = Belief.independent(errors.mean, errors.sigma)
         found = iterated_schedule(linearise, prior, replace(chosen, stated=True), start=found.belief.x)
         if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break

@@ -64,7 +64,7 @@ def levenberg_marquardt(
             return Estimate(belief, "max_sweeps", noise, history)
         better = noise.estimated(here, degrees_of_freedom(here, weights.jacobian(here), belief))
         rest = np.max(np.abs(x - last) / np.sqrt(np.diag(P))) < 1e-6
-        if better.close_to(noise, here) and (rest or not np.any(noise.joint_sigma)):
+        if better.close_to(noise, here) and (rest or not noise.of_joints):
             return Estimate(belief, "converged", noise, history)
         noise = better
     return Estimate(belief, "max_sweeps", noise, history)

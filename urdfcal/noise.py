@@ -142,19 +142,24 @@ class Noise:
         return float(self.sigma[0])
 
     @property
+    def of_joints(self) -> bool:
+        """Whether any joint reading is noisy."""
+        return bool(np.any(self.joint_sigma))
+
+    @property
     def all_stated(self) -> bool:
         """Whether none of them is estimated."""
         return bool(self.stated.all())
 
     def weights(self, here: Linearisation) -> Weights:
         """Whitening at one linearisation."""
-        if not np.any(self.joint_sigma):
+        if not self.of_joints:
             return Weights(1 / self.of_numbers(here))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(here))))
 
     def pose_covariance(self, here: Linearisation) -> Array3:
         """R_i = R_spot + J_q R_q J_q' of every pose, (n, m, m); what was not measured has unit variance."""
-        reach = here.joint_jacobian * self.joint_sigma if np.any(self.joint_sigma) else np.zeros((*here.residual.shape, 1))
+        reach = here.joint_jacobian * self.joint_sigma if self.of_joints else np.zeros((*here.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
         numbers = np.arange(here.residual.shape[1])
         R[:, numbers, numbers] += np.where(here.measured, self.of_numbers(here) ** 2, 1.0)

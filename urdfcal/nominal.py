@@ -13,7 +13,7 @@ from urdfcal.frame_start import instruments_alone, place_instruments, with_place
 from urdfcal.geometry import Vector
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, model_for
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps
         errors = place_instruments(errors, data)
     alone, x = instruments_alone(errors), errors.mean.copy()
     if alone.names:
-        prior = Belief(alone.mean, np.diag(alone.sigma**2))
-        found = iterated_schedule(_model(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
+        prior = Belief.independent(alone.mean, alone.sigma)
+        found = iterated_schedule(model_for(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
         x[[errors.names.index(name) for name in alone.names]] = found
         return NominalFit(errors, alone, found, x, noise)
     return NominalFit(errors, alone, np.empty(0), x, noise)
@@ -82,10 +82,6 @@ def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: No
     )
     held = {**errors.held, **dict(zip(errors.names, x.tolist(), strict=True))}
     there = with_places(replace(errors, parameters=parameters, held=held), data)
-    prior = Belief(there.mean, np.diag(there.sigma**2))
-    found = iterated_schedule(_model(there, data, noise).linearise, prior, replace(noise, stated=True))
+    prior = Belief.independent(there.mean, there.sigma)
+    found = iterated_schedule(model_for(there, data, noise).linearise, prior, replace(noise, stated=True))
     return there, found.belief.x
-
-
-def _model(errors: ErrorModel, data: Measurements, noise: Noise) -> SpotModel:
-    return SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))

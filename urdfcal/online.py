@@ -29,7 +29,7 @@ from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
 from urdfcal.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.robot import Robot
 from urdfcal.simulation import draw_poses, joint_limits
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import model_for
 
 WORKSPACE = 50  # configurations over which accuracy is predicted
 GATE = 0.999  # share of good poses that lie within the gate
@@ -137,7 +137,7 @@ class OnlineCalibrator:
         rng = rng or np.random.default_rng(0)
         self._workspace = _anywhere(robot, rng) if workspace is None else workspace
         self._views = self._poses_on_screen(rng)
-        self._prior = Belief(self.errors.mean, np.diag(self.errors.sigma**2))
+        self._prior = Belief.independent(self.errors.mean, self.errors.sigma)
         self._history = _History(robot)
         noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
         self._mark(self._prior.x)
@@ -156,7 +156,7 @@ class OnlineCalibrator:
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
         """
         pose = _one_pose(self.robot, q, spots, sigma, self._history.taken + 1)
-        here = SpotModel(self.errors, pose, joints=bool(np.any(self.state.noise.joint_sigma))).linearise(self.state.x)
+        here = model_for(self.errors, pose, self.state.noise).linearise(self.state.x)
         self._history.taken += 1
         if not here.usable:
             return self._refuse(pose)
@@ -209,7 +209,7 @@ class OnlineCalibrator:
 
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
-        model = SpotModel(self.errors, self.measurements(), joints=bool(np.any(noise.joint_sigma)))
+        model = model_for(self.errors, self.measurements(), noise)
         held = noise.all_stated or self._freedom(belief) < _FREEDOM
         found = iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
         if not found.converged:

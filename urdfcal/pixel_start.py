@@ -15,7 +15,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.method import Method
 from urdfcal.noise import Noise
 from urdfcal.readings import START_SIGMA
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import model_for
 
 
 def in_pixels(data: Measurements) -> bool:
@@ -38,8 +38,8 @@ def start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: 
     spots = as_spots(data)
     rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))
     alone = Noise(START_SIGMA["spot"], noise.joint_sigma, False)
-    model = SpotModel(rest, spots, joints=bool(np.any(noise.joint_sigma)))
-    found = Method().run(model, Belief(rest.mean, np.diag(rest.sigma**2)), alone)
+    model = model_for(rest, spots, noise)
+    found = Method().run(model, Belief.independent(rest.mean, rest.sigma), alone)
     x = found.belief.x if explains(model, found, alone) else begin(model, alone, sane).x
     known = dict(zip(rest.names, x, strict=True))
     return np.array([known.get(parameter.name, parameter.mean) for parameter in errors.parameters])

@@ -22,7 +22,7 @@ from urdfcal.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
 from urdfcal.noise import Noise
 from urdfcal.nominal import nominal_fit
 from urdfcal.robust import kind_scales, reweighted, squared_distances
-from urdfcal.spot_model import SpotModel, start_sigma
+from urdfcal.spot_model import SpotModel, model_for, start_sigma
 
 _BETTER = 4.0  # how many times better a mistake must explain the data to be named
 _ALIKE = 1.5  # mistakes that fit this much worse than the best are as good as it: what asks least of the joints' priors is named
@@ -122,7 +122,7 @@ def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistak
         nominal = nominal_fit(errors, some, noise, _QUICK)
     except FitRejected:  # a camera that no place suits
         return _Trial(mistake.undone, None, errors.mean, np.inf)
-    model = SpotModel(nominal.errors, some, joints=bool(np.any(noise.joint_sigma)))
+    model = model_for(nominal.errors, some, noise)
     return _Trial(mistake.undone, model, nominal.x, _left_over(model, nominal.x, noise))
 
 
@@ -131,7 +131,7 @@ def _fitted(trial: _Trial, noise: Noise) -> _Fitted:
     if model is None:
         return _Fitted(trial.undone, np.inf, np.inf, np.inf, False)
     errors = model.errors
-    x = reweighted(observations_of(model), Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=trial.x).belief.x
+    x = reweighted(observations_of(model), Belief.independent(errors.mean, errors.sigma), noise, start=trial.x).belief.x
     of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
     moved, turning = np.abs(x - errors.mean)[of_joints], np.array(errors.units)[of_joints] == "rad"
     pull = float(np.sum((moved / errors.sigma[of_joints]) ** 2))

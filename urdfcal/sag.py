@@ -182,7 +182,7 @@ class _Setup:
     def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
         self.calibration, self.chain = calibration, calibration.robot.chain
         self.data, self.noise = calibration.data, calibration.estimate.noise
-        self.joints = bool(np.any(self.noise.joint_sigma))
+        self.joints = self.noise.of_joints
         lower, upper = joint_limits(calibration.robot)
         drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
         self.range = np.vstack([drawn, calibration.data.q])
@@ -282,7 +282,7 @@ def _unit(vector: Vector) -> tuple[float, float, float]:
 def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
     """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
     noise, sigma = estimate.noise, errors.sigma
-    if np.any(noise.joint_sigma):
+    if noise.of_joints:
         spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(here))[1]))
     else:
         spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
@@ -293,7 +293,7 @@ def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) ->
 
 
 def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:
-    return iterated_schedule(linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=start)
+    return iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise, start=start)
 
 
 def _left_out(fitted: _Fitted, data: Measurements, rows: Rows, joints: bool) -> tuple[float, int]:

@@ -11,7 +11,7 @@ from urdfcal.error_model import ErrorModel, Placements
 from urdfcal.frame_jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
-from urdfcal.noise import Block, Linearisation
+from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.pixel_spots import PixelSpots
 from urdfcal.readings import START_SIGMA
 from urdfcal.sensors import spot_jacobian, spots_on_screen
@@ -115,6 +115,11 @@ class SpotModel:
             return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
         rows = np.flatnonzero(self.data.sessions == session)
         return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
+
+
+def model_for(errors: ErrorModel, data: Measurements, noise: Noise) -> SpotModel:
+    """The model of some poses with what noise asks for: derivatives by the joints, too, where their readings are noisy."""
+    return SpotModel(errors, data, joints=noise.of_joints)
 
 
 def kinds_of(data: Measurements) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from urdfcal.geometry import Matrix, Vector
 from urdfcal.identifiability import identify
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Noise
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import model_for
 
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 
@@ -35,14 +35,14 @@ class Suggestion:
 
 def whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) -> Matrix:
     """Jacobian of everything that was measured, in units of its noise, (m, p)."""
-    here = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma))).linearise(x)
+    here = model_for(errors, data, noise).linearise(x)
     return noise.weights(here).jacobian(here)
 
 
 def posterior_of(errors: ErrorModel, H: Matrix) -> Matrix:
     """Covariance that measurements with this whitened Jacobian leave of the prior, (p, p)."""
     rows, _ = compress(H, np.zeros(len(H)), errors.sigma)
-    return update(Belief(errors.mean, np.diag(errors.sigma**2)), np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
+    return update(Belief.independent(errors.mean, errors.sigma), np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
 
 
 def open_share(errors: ErrorModel, P: Matrix) -> float:

@@ -190,7 +190,7 @@ class _Comparison:
 
 def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
-    joints = bool(np.any(noise.joint_sigma))
+    joints = noise.of_joints
     here = SpotModel(errors, calibration.data, joints).linearise(calibration.x)
     there = SpotModel(errors, test, joints).linearise(calibration.x)
     P = _posterior(here, noise, errors.sigma)

@@ -62,7 +62,7 @@ def _noise_text(calibration: FitResult) -> str:
     noise = calibration.estimate.noise
     kind = noise_source(calibration) if noise.all_stated or honest_covariance(calibration) else "assumed"
     joints = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma)
-    readings = f"; joint readings {', '.join(joints)}" if np.any(noise.joint_sigma) else "; joint readings taken as exact"
+    readings = f"; joint readings {', '.join(joints)}" if noise.of_joints else "; joint readings taken as exact"
     spots = f"{noise_in_words(calibration)} ({kind})"
     return f"{spots}{readings}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
 

@@ -23,7 +23,7 @@ from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.nominal import with_new_places
 from urdfcal.readings import Readings
 from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
-from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
+from urdfcal.spot_model import kinds_of, model_for, start_sigma
 
 Rows = npt.NDArray[np.intp]
 AT_PLACES = ("point", "socket")  # what can be drawn where it was measured
@@ -136,7 +136,7 @@ def _of_set(calibration: FitResult, label: str, data: Measurements) -> Iterator[
         return
     noise, before = _noise_for(calibration, data), calibration.nominal.linearise(data)
     errors, x = (calibration.errors, calibration.x) if label == "fit" else with_new_places(calibration.errors, calibration.x, data, noise)
-    model = SpotModel(errors, data, joints=bool(np.any(noise.joint_sigma)))
+    model = model_for(errors, data, noise)
     here = model.linearise(x)
     S = R = noise.pose_covariance(here)
     if label == "test" and honest_covariance(calibration) and errors is calibration.errors:

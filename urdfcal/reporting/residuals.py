@@ -19,7 +19,7 @@ from urdfcal.fit_result import FitResult
 from urdfcal.geometry import MM, Array3, Array4, Matrix
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, model_for
 
 _LEAST_SPREAD = 1e-6  # [m]: residuals below it are rounding
 _MEDIAN = math.sqrt(2 * math.log(2))  # of the length of a standard normal pair
@@ -146,7 +146,7 @@ def _residuals(calibration: FitResult, label: str, data: Measurements, uncertain
     nominal = ErrorModel(calibration.robot.chain, (), (), sessions=data.session_names or ("",))
     data = replace(data, readings=(), lengths=())  # what other instruments read has residuals of its own
     before, _ = SpotModel(nominal, data).predict(np.empty(0))
-    model = SpotModel(calibration.errors, data, joints=bool(np.any(calibration.estimate.noise.joint_sigma)))
+    model = model_for(calibration.errors, data, calibration.estimate.noise)
     after, _ = model.predict(calibration.x)
     here = model.linearise(calibration.x)
     R = _spot_covariance(calibration, here)
