@@ -11,7 +11,8 @@ import pytest
 from tests.conftest import ROBOTS_DIR, CliResult
 from tests.sensor_cases import NOISE, SensorCase, setup_of
 from urdfcal.calibration import fit
-from urdfcal.geometry import MM
+from urdfcal.errors import UsageError
+from urdfcal.geometry import DEG, MM
 from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.report import calibration_json, text_report
@@ -52,7 +53,7 @@ def test_noise_that_the_camera_does_not_know_of_is_found(robots: dict[str, Robot
     assert found.rejection == ""
     np.testing.assert_allclose(found.sigma, usual.sigma, rtol=0.1)
     assert np.abs((found.x - usual.x) / usual.sigma).max() < 0.3
-    assert "0.3 mm of spot noise on top" in text_report(found).replace(f"{found.extra_noise['spot'] / MM:.3g}", "0.3")
+    assert f"(stated, and {found.extra_noise['spot'] / MM:.3g} mm on top)" in text_report(found)
     assert calibration_json(found)["extra_noise"] == found.extra_noise
     assert sum("spots scatter more than their .sigma columns state" in warning for warning in found.warnings) == 1
 
@@ -99,22 +100,51 @@ def test_stated_noise_of_other_readings(robots: dict[str, Robot], rng: np.random
     right, wrong = (fit(setup.robot, data, sigmas={"point": times * NOISE.length, "orientation": NOISE.angle}) for times in (1, 2))
     np.testing.assert_allclose(right.estimate.noise.sigma, [NOISE.length, NOISE.angle])
     assert right.chi_squared == pytest.approx(1, abs=0.3)
-    assert any("noise" in warning for warning in wrong.warnings)
+    assert any("the points scatter 0.5 times as much as the stated noise explains" in warning for warning in wrong.warnings)
+    with pytest.raises(UsageError, match="noise of a distance is stated, but the measurements have none; they have point, orientation"):
+        fit(setup.robot, data, sigmas={"distance": 1e-3})
+
+
+def test_noise_of_joints_is_not_counted_twice(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """What the stated noise of the joints explains needs nothing on top of right columns."""
+    setup = setup_of(LASERS, robots, rng, model="dh")
+    noise = replace(NOISE, joint=0.05 * DEG)
+    data = stating(simulate_readings(setup, 200, rng, noise), NOISE.spot)
+    found = fit(setup.robot, data, joint_sigma=noise.joint)
+    assert not found.extra_noise
+    assert found.chi_squared == pytest.approx(1, abs=0.2)
+
+
+def test_columns_do_not_excuse_what_no_instrument_reads(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Orientations that scatter by tens of degrees are rejected, however small they say they are."""
+    setup = setup_of(POINTS, robots, rng)
+    data = stating(simulate_readings(setup, 80, rng, NOISE), NOISE.length)
+    mixed = tuple(replace(each, values=each.values[:, [3, 0, 1, 2]]) if each.kind == "orientation" else each for each in data.readings)
+    found = fit(setup.robot, replace(data, readings=mixed), sane=False)
+    assert "orientations scatter by" in found.rejection
+
+
+def test_exchanged_beams_take_their_noise_along(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A spot that was read for the other beam keeps the standard deviation that was stated with it."""
+    robot, data = of_lasers(robots, rng)
+    stated = stating(data, NOISE.spot)
+    stated.sigma[5], stated.spots[5] = [NOISE.spot, 3 * NOISE.spot], stated.spots[5, ::-1].copy()
+    found = fit(robot, stated)
+    assert "read for each other" in found.outliers[0].reason
+    np.testing.assert_allclose(found.data.sigma[5], [3 * NOISE.spot, NOISE.spot])
 
 
 def test_the_command_states_noise_by_rig_file(run_cli: Callable[..., CliResult], tmp_path_factory: pytest.TempPathFactory) -> None:
-    """`noise: {point_mm: 0.1}` reaches the fit; a kind that nobody measured is named."""
+    """`noise: {point_mm: 0.1}` reaches the fit; what the rig says of kinds that were not measured this time does not matter."""
     folder = tmp_path_factory.mktemp("rig")
-    (folder / "rig.yaml").write_text("noise: {point_mm: 0.1}\n")
-    (folder / "wrong.yaml").write_text("noise: {distance_mm: 0.1}\n")
+    (folder / "rig.yaml").write_text("noise: {point_mm: 0.1, distance_mm: 0.1, spot_mm: 1.0}\n")
     done = run_cli("simulate", ARM, "-o", "m.csv", "--poses", "30", "--sensor", "point:slm", "--target-noise-mm", "0.1")
     assert done.code == 0, done.err
     done = run_cli("fit", ARM, "m.csv", "--rig", folder / "rig.yaml", "--no-sag")
     assert done.code == 0, done.err
     assert "point noise 0.1 mm (stated)" in done.out
-    done = run_cli("fit", ARM, "m.csv", "--rig", folder / "wrong.yaml", "-o", "other.urdf")
-    assert done.code == 2
-    assert "noise of a distance is stated, but the measurements have none; they have point" in done.err
+    done = run_cli("check", ARM, "m.csv", "--rig", folder / "rig.yaml")
+    assert "with 0.1 mm of point noise a fit would determine" in " ".join(done.out.split())
 
 
 def test_options_that_would_be_ignored_are_refused(run_cli: Callable[..., CliResult]) -> None:

@@ -4,42 +4,34 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.arm_scale import with_scale
 from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import applied
-from urdfcal.ekf import Belief, Estimate
-from urdfcal.error_model import ErrorModel, PriorScale, matching
+from urdfcal.error_model import PriorScale
 from urdfcal.error_table import error_table
 from urdfcal.errors import ShapeMismatch, UsageError
-from urdfcal.evaluation import as_measured, fit_and_test, joint_sigmas, noise_of
-from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
+from urdfcal.evaluation import as_measured, fit_and_test
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
-from urdfcal.fit_start import begin, explains, require_beams_on_screen, require_sane_readings
-from urdfcal.fit_warnings import disagreement, few_spots, large_scales
+from urdfcal.fit_task import FitTask
 from urdfcal.formats import Deployed
-from urdfcal.gauge import ModelOptions, build_error_model, laid_over
+from urdfcal.gauge import ModelOptions, laid_over
 from urdfcal.geometry import Vector
-from urdfcal.identifiability import Identifiability, identify, with_sigmas
+from urdfcal.known_noise import joint_sigmas, stated_noise
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior, without_gross_outliers
-from urdfcal.model_warnings import model_warnings
-from urdfcal.noise import Linearisation, Noise
-from urdfcal.nominal import nominal_fit, with_new_places
-from urdfcal.pixel_start import in_pixels, require_screen_of_camera, start_of_pixels
+from urdfcal.method import Method, without_gross_outliers
+from urdfcal.nominal import with_new_places
+from urdfcal.pixel_start import require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
-from urdfcal.robust import degrees, robust_scale, squared_distances
 from urdfcal.scatter import extra_noise, in_words, states_noise, widened, without_stated_noise
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel, kinds_of, model_for
-from urdfcal.start import Start
+from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
@@ -49,6 +41,11 @@ if TYPE_CHECKING:
 @dataclass(frozen=True, repr=False)
 class Calibration(FitResult):
     """What a fit found, and what can be done with it."""
+
+    @classmethod
+    def of(cls, found: FitResult) -> Calibration:
+        """The same, with what can be done with it."""
+        return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
 
     def apply_to(self, model: Any, *geometry_models: Any) -> Any:
         """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
@@ -166,20 +163,20 @@ def fit(
     """
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
-    stated = {**(sigmas or {}), **({} if spot_sigma is None else {"spot": spot_sigma})}
-    _check(robot, data, stated)
+    _require_same_robot(robot, data)
     require_screen_of_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     fit_set, test_set = fit_and_test(data, test)
+    stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
-    task = _Task(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
+    task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
     extra: dict[str, float] = {}
     if method.gates and states_noise(fit_set):
         loosely = replace(task, method=Method(gated=gated), evidence=False)
         extra = extra_noise(loosely.fitted(without_stated_noise(fit_set)), fit_set)
-    calibration = task.fitted(widened(fit_set, extra))
-    warnings = (*data.warnings, *calibration.warnings, *in_words(extra))
-    calibration = replace(calibration, extra_noise=extra, warnings=warnings)
+    found = task.fitted(widened(fit_set, extra))
+    warnings = (*data.warnings, *found.warnings, *in_words(extra))
+    calibration = Calibration.of(replace(found, extra_noise=extra, warnings=warnings))
     return calibration if test_set is None else with_test(calibration, test_set)
 
 
@@ -203,111 +200,7 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What is to be fitted, and how: the arguments of `fit` once they were looked at."""
-
-    robot: Robot
-    method: Method
-    options: ModelOptions
-    sessions: tuple[str, ...]
-    stated: Mapping[str, float]
-    joint_sigma: Vector
-    evidence: bool
-    sane: bool
-
-    def fitted(self, data: Measurements) -> Calibration:
-        """The calibration by some measurements."""
-        robot, method = self.robot, self.method
-        errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, self.options, self.sessions), data)
-        noise = noise_of(data, self.stated, self.joint_sigma)
-        bare, nominal = errors, nominal_fit(errors, data, noise)
-        errors = nominal.errors
-        model = model_for(errors, data, noise)
-        prior, begun = Belief.independent(errors.mean, errors.sigma), Start(nominal.x, errors)
-        method = replace(method, start=start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x)
-        found = method.run(model, prior, noise)
-        if data.seen.any() and not (method.label == "ekf, paper" or explains(model, found, noise)):
-            begun = begin(model, noise, self.sane)
-            errors, method = begun.errors, replace(method, start=begun.x)
-            model, prior = SpotModel(errors, data, model.joints), Belief.independent(errors.mean, errors.sigma)
-            found = method.run(model, prior, noise)
-        if self.sane and method.label != "ekf, paper":
-            require_sane_readings(bare, model, found, noise)
-        clean = fit_without_outliers(method, model, prior, noise, found) if method.gates else CleanFit(model, found)
-        if len(clean.estimate.history) == 1:
-            require_beams_on_screen(model, begun.x)
-        model, found, data = clean.model, clean.estimate, clean.model.data
-        stated_errors, chosen = errors, None
-        if self.evidence and method.shrinks and "joint" not in self.options.priors:
-            errors, found, chosen = _by_evidence(model, method, errors, noise, found, self.options)
-        here = model.linearise(found.belief.x)
-        seen = _decided(here, found, stated_errors, chosen)
-        plain = posterior(here, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
-        freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
-        misfit = _misfit(method, found.noise, here, freedom)
-        return Calibration(
-            robot=robot,
-            errors=errors,
-            estimate=found,
-            identifiability=seen,
-            before=nominal.table(data),
-            nominal=nominal,
-            freedom=freedom,
-            outliers=clean.outliers,
-            evidence=chosen,
-            after=error_table(here, len(data)),
-            test=None,
-            chi_squared=misfit,
-            data=data,
-            test_data=None,
-            estimator=method.label,
-            error_model=self.options.error_model,
-            warnings=(
-                *model_warnings(robot, errors, self.options),
-                *((no_scale,) if no_scale else ()),
-                *((begun.message,) if begun.message else ()),
-                *few_spots(data, noise, freedom),
-                *large_scales(chosen),
-                *disagreement(data, found.noise, misfit, freedom),
-            ),
-        )
-
-
-def _by_evidence(
-    model: SpotModel, method: Method, errors: ErrorModel, noise: Noise, found: Estimate, options: ModelOptions
-) -> tuple[ErrorModel, Estimate, Evidence | None]:
-    """Refit with the joints' prior scales chosen by evidence; priors that were stated for single parameters stay."""
-    if len(model.data) < LEAST_POSES or not found.converged or not any(parameter.kind == "joint" for parameter in errors.parameters):
-        return errors, found, None
-    stated = [name for pattern, said in options.single.items() if said.sigma is not None for name in matching(errors.parameters, pattern)]
-    errors, refitted, chosen = by_evidence(model.linearise, errors, noise, found, stated)
-    if method.estimator != "ekf":
-        again = replace(method, start=refitted.belief.x)
-        refitted = again.run(model, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
-        belief = Belief(refitted.belief.x, with_unsure_scales(errors, chosen.groups, refitted.belief))
-        refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
-    return errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen
-
-
-def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:
-    """What the data decided, judged against the priors that were stated: scales that the data chose hold more still.
-
-    Sigmas of combinations are those of the estimate.
-    """
-    belief = found.belief
-    if chosen is None:
-        return identify(stated.names, belief.x, belief.P, stated.sigma)
-    P = posterior(here, Belief.independent(stated.mean, stated.sigma), found.noise)
-    return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
-
-
-def _check(robot: Robot, data: Measurements, stated: Mapping[str, float]) -> None:
-    for kind, sigma in stated.items():
-        if kind not in kinds_of(data):
-            raise UsageError(f"noise of a {kind} is stated, but the measurements have none; they have {', '.join(kinds_of(data))}")
-        if not sigma > 0:
-            raise UsageError(f"the {kind} noise must be above zero, found {sigma:g}")
+def _require_same_robot(robot: Robot, data: Measurements) -> None:
     if data.joints != robot.chain.input_names or data.lasers != robot.rig.lasers:
         raise ShapeMismatch(
             f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "
@@ -329,10 +222,3 @@ def _require_same_instruments(calibration: Calibration, test: Measurements) -> N
         strange = strange or ["other joints or lasers"]
     if strange:
         raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
-
-
-def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
-    """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
-    if method.estimator == "robust":
-        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2
-    return noise.chi_squared(here) / max(freedom, 1.0)

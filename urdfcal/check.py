@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,20 +10,21 @@ import pinocchio as pin
 
 from urdfcal.arm_scale import with_scale
 from urdfcal.error_model import ErrorModel
-from urdfcal.evaluation import as_measured, fit_and_test, joint_sigmas
+from urdfcal.evaluation import as_measured, fit_and_test
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
 from urdfcal.geometry import DEG, MM, Matrix, Vector, X
 from urdfcal.identifiability import Identifiability, Observability, identify, observe
+from urdfcal.known_noise import joint_sigmas, noise_of, stated_noise
 from urdfcal.measurements import Mask, Measurements, measurements_from
 from urdfcal.model_warnings import model_warnings
-from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
+from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import nominal_fit
 from urdfcal.reading_suggestions import Trial, reading_suggestions
 from urdfcal.robot import Robot
 from urdfcal.sensors import makes_spot, spot_jacobian, spots_on_screen
 from urdfcal.simulation import joint_limits
-from urdfcal.spot_model import model_for, start_sigma
+from urdfcal.spot_model import model_for
 from urdfcal.suggestions import Suggestion, determined_names, if_worth, is_wider, open_share, posterior_of, whitened
 
 _SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
@@ -65,6 +66,7 @@ def check(
     *,
     options: ModelOptions | None = None,
     spot_sigma: float | None = None,
+    sigmas: Mapping[str, float] | None = None,
     joint_sigma: float | Vector = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Check:
@@ -76,16 +78,21 @@ def check(
         robot: Nominal robot.
         data: Joint positions, and which beams were seen.
         options: What is to be calibrated.
-        spot_sigma: Noise of a spot coordinate, [m]; 1 mm if None. That of readings is what is stated with them, else
-            `readings.START_SIGMA`.
+        spot_sigma: Noise of a spot coordinate, [m].
+        sigmas: The same of other readings by kind, [m], [rad] or [px]. What is stated neither so nor with the measurements is as noisy
+            as `reading_kinds.KINDS` has it.
         joint_sigma: Noise of a joint reading, [rad].
         rng: For the poses that suggestions are tried with; seeded by default.
+
+    Raises:
+        UsageError: noise is stated of what was not measured, or is not above zero.
     """
     options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
     fit_set = _with_known_places(fit_and_test(data)[0])
     robot = as_measured(robot, fit_set)
     errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, fit_set.session_names), fit_set)
-    noise = Noise(_assumed(fit_set, spot_sigma), joint_sigmas(robot, joint_sigma))
+    stated = stated_noise(fit_set, spot_sigma, sigmas)
+    noise = replace(noise_of(fit_set, stated, joint_sigmas(robot, joint_sigma)), stated=True)
     nominal = nominal_fit(errors, fit_set, noise)
     errors = nominal.errors
     H = whitened(errors, fit_set, noise, nominal.x)
@@ -112,14 +119,6 @@ def _with_known_places(data: Measurements) -> Measurements:
     """Without the known lengths between places that none of these poses touches."""
     touched = {place.name for place in data.instruments.places}
     return replace(data, lengths=tuple(known for known in data.lengths if {known.one, known.other} <= touched))
-
-
-def _assumed(data: Measurements, spot_sigma: float | None) -> Vector:
-    """Noise of every kind of measurement: as stated for spots, else what is usual, (kinds,)."""
-    sigma = start_sigma(data)
-    if data.lasers:
-        sigma[0] = spot_sigma or START_SPOT_SIGMA
-    return sigma
 
 
 def _tried(

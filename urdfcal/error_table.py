@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urdfcal.geometry import DEG, MM, Vector
+from urdfcal.geometry import Vector
 from urdfcal.noise import Linearisation
-
-UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
+from urdfcal.reading_kinds import UNITS
 
 
 @dataclass(frozen=True)

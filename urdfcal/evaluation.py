@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.error_table import SpotTable
-from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.errors import UsageError
 from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import Vector
+from urdfcal.known_noise import noise_of
 from urdfcal.measurements import Measurements
-from urdfcal.noise import Noise
 from urdfcal.nominal import nominal_fit
 from urdfcal.robot import Robot
-from urdfcal.spot_model import SpotModel, kinds_of, start_sigma
+from urdfcal.spot_model import SpotModel
 
 
 def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = None) -> SpotTable:
@@ -52,32 +49,6 @@ def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
         f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
         f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
     )
-
-
-def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector) -> Noise:
-    """Noise of every kind of measurement: as known by kind, stated with the measurements, or where its estimation starts."""
-    sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
-    for kind, name in enumerate(kinds_of(data)):
-        of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
-        own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
-        if name in known:
-            sigma[kind], stated[kind] = known[name], True
-        elif not len(own):  # nothing to estimate it from, and nothing that it matters to
-            stated[kind] = True
-        elif np.isfinite(own).all():
-            sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
-    return Noise(sigma, joint_sigma, stated)
-
-
-def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:
-    """Standard deviation of every measured joint: one number for all turning joints, or one a joint, (inputs,)."""
-    turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
-    sigmas = np.asarray(joint_sigma, dtype=float)
-    if sigmas.ndim and sigmas.shape != turning.shape:
-        raise ShapeMismatch(f"the joint noise is one number, or {len(turning)}; found shape {sigmas.shape}")
-    if not (np.isfinite(sigmas).all() and (sigmas >= 0).all()):
-        raise UsageError("the joint noise must be finite and not negative")
-    return sigmas * turning if sigmas.ndim == 0 else sigmas
 
 
 def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:

@@ -11,21 +11,20 @@ import numpy as np
 from urdfcal.corrections import OriginCorrection
 from urdfcal.ekf import STOPS, Estimate
 from urdfcal.error_model import FLAT, ErrorModel
-from urdfcal.error_table import UNITS, SpotTable, rms_mm
+from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
-from urdfcal.geometry import DEG, MM, Matrix, Vector
+from urdfcal.geometry import DEG, Matrix, Vector
 from urdfcal.identifiability import Identifiability
-from urdfcal.measurements import Measurements, noun
+from urdfcal.measurements import Measurements
 from urdfcal.nominal import NominalFit
+from urdfcal.reading_kinds import KINDS
 from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
 from urdfcal.spot_model import kinds_of
 
 _MOST_TURN = 60 * DEG  # joint errors beyond are a mistake somewhere
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
-_MOST_NOISE = {"orientation": 10.0, "pixel": 50.0}  # [deg] and [px], else _MOST_LENGTH: no instrument reads so badly
-_MOST_LENGTH = 50.0  # [mm]
 
 
 @dataclass(frozen=True, repr=False)
@@ -123,10 +122,19 @@ class FitResult:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
         if self.estimate.noise.all_stated and self.chi_squared > CHI_SQUARED_LIMIT:
             return (
-                f"chi-square is {self.chi_squared:.3g} times what the stated {self.estimate.noise.spot_sigma / MM:.3g} mm of noise explain "
+                f"chi-square is {self.chi_squared:.3g} times what the stated noise of {self._noise} explains "
                 f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
             )
         return ""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """What was measured, in the order of the noise."""
+        return kinds_of(self.data)
+
+    @property
+    def _noise(self) -> str:
+        return ", ".join(KINDS[kind].told(sigma) for kind, sigma in zip(self.kinds, self.estimate.noise.sigma.tolist(), strict=True))
 
     @property
     def _turned(self) -> str:
@@ -143,13 +151,14 @@ class FitResult:
 
     @property
     def _scattered(self) -> str:
-        """A kind of reading that the fit could not explain at all; of lasers the screen may be far away."""
-        for kind, sigma, stated in zip(kinds_of(self.data), self.estimate.noise.sigma, self.estimate.noise.stated, strict=True):
-            unit = {"orientation": "deg", "pixel": "px"}.get(kind, "mm")
-            scatter = float(sigma) / UNITS[unit]
-            if kind != "spot" and not stated and scatter > _MOST_NOISE.get(kind, _MOST_LENGTH):
+        """A kind of reading that the fit could not explain at all."""
+        noise = self.estimate.noise
+        estimated = {kind: float(sigma) for kind, sigma, stated in zip(self.kinds, noise.sigma, noise.stated, strict=True) if not stated}
+        for name, scatter in (estimated | dict(self.extra_noise)).items():
+            kind = KINDS[name]
+            if scatter > kind.most * kind.size:
                 return (
-                    f"the {noun(kind)} scatter by {scatter:.3g} {unit} after the fit, and no instrument reads so; "
+                    f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
                     "check their order, units and axes"
                 )
         return ""

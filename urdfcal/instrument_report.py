@@ -8,60 +8,47 @@ import numpy as np
 
 from urdfcal.error_model import INSTRUMENTS, ErrorModel
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import DEG, MM, exponentials, product, xyz_rpy
+from urdfcal.geometry import exponentials, product, xyz_rpy
 from urdfcal.measurements import Measurements
-from urdfcal.noise import LEAST_FREEDOM, Noise
-from urdfcal.readings import START_SIGMA
+from urdfcal.noise import Noise
+from urdfcal.reading_kinds import KINDS, UNITS, start_sigma_of
 from urdfcal.robot import Robot
 from urdfcal.slots import Slot
 from urdfcal.spot_model import kinds_of
 
-_NOISE = {
-    "spot": ("spot noise", MM, "mm"),
-    "point": ("point noise", MM, "mm"),
-    "orientation": ("orientation noise", DEG, "deg"),
-    "distance": ("distance noise", MM, "mm"),
-    "plane": ("noise across planes", MM, "mm"),
-    "socket": ("socket noise", MM, "mm"),
-    "pixel": ("pixel noise", 1.0, "px"),
-}
-
 
 def noise_in_words(calibration: FitResult) -> str:
-    """`spot noise 1.1 mm`, `point noise 0.28 mm, orientation noise 0.034 deg`: standard deviations of single coordinates."""
-    words, data = [], calibration.data
-    for kind, sigma in zip(kinds_of(data), calibration.estimate.noise.sigma.tolist(), strict=True):
+    """`spot noise 1.1 mm (estimated from the residual)`: standard deviations of single coordinates, and where they are known from."""
+    data, by_source = calibration.data, dict[str, list[str]]()
+    for index, kind in enumerate(kinds_of(data)):
         if kind == "spot" and not data.seen.any() and data.readings:  # spots were read as pixels
             continue
-        name, size, unit = _NOISE[kind]
-        assumed = sigma == START_SIGMA[kind] and calibration.freedom >= LEAST_FREEDOM  # else all of it is, and that is said once
-        words.append(f"{name} {sigma / size:.3g} {unit}{' (assumed)' if assumed and not calibration.estimate.noise.all_stated else ''}")
-    return ", ".join(words)
+        sigma = KINDS[kind].told(calibration.estimate.noise.sigma[index])
+        by_source.setdefault(_source(calibration, kind, index), []).append(f"{KINDS[kind].noise} {sigma}")
+    return ", ".join(f"{', '.join(words)} ({source})" for source, words in by_source.items())
 
 
-def noise_source(calibration: FitResult) -> str:
-    """Where the noise is known from: `stated`, `estimated from the residual`, `stated, and 0.28 mm of spot noise on top`."""
+def _source(calibration: FitResult, kind: str, index: int) -> str:
     noise = calibration.estimate.noise
-    if calibration.extra_noise:
-        return f"stated, and {' and '.join(_of_noise(*each) for each in calibration.extra_noise.items())} on top"
-    return "stated" if noise.all_stated else "estimated from the residual" if calibration.freedom >= LEAST_FREEDOM else "assumed"
-
-
-def _of_noise(kind: str, sigma: float) -> str:
-    name, size, unit = _NOISE[kind]
-    return f"{sigma / size:.3g} {unit} of {name}"
+    if kind in calibration.extra_noise:
+        return f"stated, and {KINDS[kind].told(calibration.extra_noise[kind])} on top"
+    if noise.stated[index]:
+        return "stated"
+    return "assumed" if noise.sigma[index] == start_sigma_of(kind) else "estimated from the residual"  # untouched where too few tell
 
 
 def assumed_noise(data: Measurements, noise: Noise) -> str:
     """`1 mm of spot noise`, `0.5 mm of point noise and 0.05 deg of orientation noise`; what measurements state of their own is not told."""
-    return " and ".join(_of_noise(*each) for each in zip(kinds_of(data), noise.sigma.tolist(), strict=True))
+    return " and ".join(
+        f"{KINDS[kind].told(sigma)} of {KINDS[kind].noise}" for kind, sigma in zip(kinds_of(data), noise.sigma.tolist(), strict=True)
+    )
 
 
 def first_kind(calibration: FitResult) -> tuple[str, str, float]:
     """What the history's residual is of, in words, the unit in which people read it, and that unit's size in SI."""
     kind = kinds_of(calibration.data)[0]
-    _, size, unit = _NOISE[kind]
-    return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, size
+    unit = KINDS[kind].unit
+    return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, UNITS[unit]
 
 
 def parameters_in_words(errors: ErrorModel) -> str:

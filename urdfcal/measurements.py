@@ -13,21 +13,12 @@ import numpy.typing as npt
 from urdfcal.errors import ShapeMismatch
 from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.instruments import Grid, Instruments
+from urdfcal.reading_kinds import noun
 from urdfcal.readings import KnownLength, Readings, instruments_of
 from urdfcal.robot import Robot
 
 Labels = npt.NDArray[np.str_]
 Mask = npt.NDArray[np.bool_]
-
-_NOUNS = {
-    "spot": ("spot", "spots"),
-    "point": ("point", "points"),
-    "orientation": ("orientation", "orientations"),
-    "distance": ("distance", "distances"),
-    "plane": ("touch of a plane", "touches of planes"),
-    "socket": ("touch of a socket", "touches of sockets"),
-    "pixel": ("spot or target in a picture", "spots or targets in pictures"),
-}
 
 
 @dataclass(frozen=True)
@@ -207,8 +198,3 @@ def measurements_from(
         sets=np.array(["fit"] * n if sets is None else sets, dtype="<U4"),
         sessions=np.array([""] * n if sessions is None else sessions, dtype=str),
     )
-
-
-def noun(kind: str, count: int = 2) -> str:
-    """What one reading of a kind is called, or several."""
-    return _NOUNS[kind][count != 1]

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from urdfcal.ekf import Belief, Estimate, compress, degrees_of_freedom, iterated_schedule, paper_schedule, update
-from urdfcal.error_table import UNITS
 from urdfcal.errors import UsageError
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.pixel_spots import PixelSpots
+from urdfcal.reading_kinds import UNITS
 from urdfcal.robust import Observations, Outlier, beyond_belief, gate, inside, reweighted, swapped_poses
 from urdfcal.spot_model import SpotModel
 
@@ -62,14 +62,19 @@ class Method:
         return f"ekf, {self.schedule}" if self.estimator == "ekf" else self.estimator
 
     @property
+    def as_published(self) -> bool:
+        """Whether the filter sweeps as in the paper, and nothing is done beside it."""
+        return self.estimator == "ekf" and self.schedule == "paper"
+
+    @property
     def gates(self) -> bool:
         """Whether outliers are told apart: not in the paper's schedule; always where the estimator itself weighs them down."""
-        return self.estimator == "robust" or (self.gated and not (self.estimator == "ekf" and self.schedule == "paper"))
+        return self.estimator == "robust" or (self.gated and not self.as_published)
 
     @property
     def shrinks(self) -> bool:
         """Whether the joints' prior scales may be chosen by evidence: where the noise is Gaussian and the data count once."""
-        return self.estimator != "robust" and not (self.estimator == "ekf" and self.schedule == "paper")
+        return self.estimator != "robust" and not self.as_published
 
     def limits(self) -> dict[str, Any]:
         """Tolerance and sweeps, as far as they are set."""
@@ -219,12 +224,13 @@ def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, f
 def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
     """The measurements with beams exchanged that were read for each other."""
     data, predicted = model.data, model.predict(clean.belief.x)[0]
-    spots, swaps = data.spots.copy(), []
+    spots, sigma, swaps = data.spots.copy(), data.sigma.copy(), []
     for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
-        spots[pose, [one, other]] = spots[pose, [other, one]]
+        for each in (spots, sigma):
+            each[pose, [one, other]] = each[pose, [other, one]]
         words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
         swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
-    return replace(data, spots=spots), tuple(swaps)
+    return replace(data, spots=spots, sigma=sigma), tuple(swaps)
 
 
 def _left_out(model: SpotModel, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:

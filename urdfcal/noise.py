@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.geometry import MM, Array3, Matrix, Vector
+from urdfcal.geometry import Array3, Matrix, Vector
 
-START_SPOT_SIGMA = 1.0 * MM
 _LEAST_SIGMA = 1e-6  # [m], [rad] or [px]; no sensor sees less, and noise-free simulations end here
 LEAST_FREEDOM = 20.0  # degrees of freedom; with fewer the residual says too little of the noise, and the start value stays
 _CLOSE = 1e-3
@@ -177,6 +176,11 @@ class Noise:
         """Sum of the squared whitened residuals."""
         whitened = self.weights(here).residual(here)
         return float(whitened @ whitened)
+
+    def chi_squared_of_kinds(self, here: Linearisation) -> Vector:
+        """The same by kind of number, (kinds,)."""
+        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
+        return np.asarray(np.bincount(here.kinds, squares.sum(axis=0), minlength=len(here.counts)))
 
     def estimated(self, here: Linearisation, degrees_of_freedom: Any) -> Noise:
         """The noise that would make chi-squared of each kind equal its degrees of freedom (kinds,), one fixed-point step on from this.

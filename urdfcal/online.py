@@ -20,13 +20,14 @@ import numpy.typing as npt
 from urdfcal.calibration import Calibration, fit
 from urdfcal.ekf import Belief, iterated_schedule, update
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
-from urdfcal.evaluation import joint_sigmas
 from urdfcal.frame_jacobian import CHUNK
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Matrix, Vector
+from urdfcal.known_noise import joint_sigmas
 from urdfcal.measurements import Measurements, measurements_from
-from urdfcal.noise import START_SPOT_SIGMA, Linearisation, Noise
+from urdfcal.noise import Linearisation, Noise
 from urdfcal.prediction import default_tool, spot_jacobians, tool_jacobian
+from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.robot import Robot
 from urdfcal.simulation import draw_poses, joint_limits
 from urdfcal.spot_model import model_for
@@ -139,7 +140,7 @@ class OnlineCalibrator:
         self._views = self._poses_on_screen(rng)
         self._prior = Belief.independent(self.errors.mean, self.errors.sigma)
         self._history = _History(robot)
-        noise = Noise(spot_sigma or START_SPOT_SIGMA, joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
+        noise = Noise(spot_sigma or start_sigma_of("spot"), joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
         self._mark(self._prior.x)
         self.state = self._state(self._prior, noise)
 

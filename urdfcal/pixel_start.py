@@ -14,7 +14,7 @@ from urdfcal.geometry import Vector
 from urdfcal.measurements import Measurements
 from urdfcal.method import Method
 from urdfcal.noise import Noise
-from urdfcal.readings import START_SIGMA
+from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.spot_model import model_for
 
 
@@ -37,7 +37,7 @@ def start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: 
     """Where to begin with spots in pixels: at the fit of the spots that the camera makes of them on the screen as it is calibrated."""
     spots = as_spots(data)
     rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))
-    alone = Noise(START_SIGMA["spot"], noise.joint_sigma, False)
+    alone = Noise(start_sigma_of("spot"), noise.joint_sigma, False)
     model = model_for(rest, spots, noise)
     found = Method().run(model, Belief.independent(rest.mean, rest.sigma), alone)
     x = found.belief.x if explains(model, found, alone) else begin(model, alone, sane).x

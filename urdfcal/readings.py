@@ -16,16 +16,7 @@ from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.instruments import Grid, Instruments, Place, Target
 
 STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0, "pixel": 2}
-START_SIGMA: dict[str, float] = {
-    "spot": 1.0 * MM,
-    "point": 0.5 * MM,
-    "orientation": 0.05 * DEG,
-    "distance": 0.5 * MM,
-    "plane": 0.5 * MM,
-    "socket": 0.5 * MM,
-    "pixel": 0.3,
-    "length": 0.02 * MM,
-}
+LENGTH_SIGMA = 0.02 * MM  # of a known length whose accuracy is not stated
 LEAST_CAMERA = np.repeat([0.1 * MM, 1e-4], 3)  # [m] and [rad]
 USUAL_CAMERA = np.repeat([5 * MM, 0.5 * DEG], 3)
 SEEN_FROM_FRAME = ("point", "orientation", "pixel")  # what is read in the axes of a measuring frame
@@ -104,7 +95,7 @@ class KnownLength:
     one: str
     other: str
     length: float
-    sigma: float = START_SIGMA["length"]
+    sigma: float = LENGTH_SIGMA
 
 
 def instruments_of(

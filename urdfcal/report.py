@@ -15,7 +15,7 @@ from urdfcal.dh import DhRow
 from urdfcal.error_model import INSTRUMENTS
 from urdfcal.geometry import DEG, MM
 from urdfcal.identifiability import Combination, correlated_groups
-from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, noise_source, parameters_in_words, place_entries
+from urdfcal.instrument_report import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
 from urdfcal.spot_model import kinds_of
 
 if TYPE_CHECKING:
@@ -189,8 +189,7 @@ def _headline(calibration: FitResult) -> str:
     return (
         f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {len(data)} poses with {data.summary}\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
-        f"{noise_in_words(calibration)} ({noise_source(calibration)}), "
-        f"chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
+        f"{noise_in_words(calibration)}, chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
 
 

@@ -37,6 +37,7 @@ from urdfcal.files import read_yaml
 from urdfcal.gauge import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.geometry import DEG, MM
 from urdfcal.instruments import Grid
+from urdfcal.reading_kinds import KINDS
 from urdfcal.slots import Kind
 from urdfcal.urdf_tree import FARTHEST
 
@@ -65,17 +66,10 @@ class NoiseEntry(_Strict):
     joint_deg: NotNegative | None = None
     joints_deg: dict[str, NotNegative] = {}
 
-    def of_readings(self) -> dict[str, float]:
-        """What is stated of instruments beside lasers, by kind of reading: [m], [rad] or [px]."""
-        stated = {
-            "point": (self.point_mm, MM),
-            "orientation": (self.orientation_deg, DEG),
-            "distance": (self.distance_mm, MM),
-            "plane": (self.plane_mm, MM),
-            "socket": (self.socket_mm, MM),
-            "pixel": (self.pixel_px, 1.0),
-        }
-        return {kind: value * unit for kind, (value, unit) in stated.items() if value is not None}
+    def by_kind(self) -> dict[str, float]:
+        """What is stated, by kind of reading: [m], [rad] or [px]."""
+        stated = {kind: getattr(self, f"{kind}_{of.unit}") for kind, of in KINDS.items()}
+        return {kind: value * KINDS[kind].size for kind, value in stated.items() if value is not None}
 
 
 class ParameterEntry(_Strict):

@@ -14,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import DEG, MM, Vector
-from urdfcal.measurements import Measurements, noun
-from urdfcal.noise import LEAST_FREEDOM
-from urdfcal.spot_model import SpotModel, kinds_of
+from urdfcal.geometry import Matrix, Vector
+from urdfcal.measurements import Measurements
+from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
+from urdfcal.reading_kinds import KINDS
+from urdfcal.spot_model import SpotModel, kinds_of, model_for
 
 _SURE = 4.0  # sigmas of chi-squared beyond which there is more noise than stated
-_UNITS = {"orientation": ("deg", DEG), "pixel": ("px", 1.0)}
+_STILL = 1e-9  # share of s^2
 
 
 def states_noise(data: Measurements) -> bool:
@@ -42,25 +43,38 @@ def extra_noise(loosely: FitResult, data: Measurements) -> dict[str, float]:
         loosely: The fit of these measurements without what they state.
         data: The measurements with what they state.
     """
-    here = SpotModel(loosely.errors, loosely.data).linearise(loosely.x)
-    sigma, found = SpotModel(loosely.errors, data).stated_sigma, {}
-    residual, measured = here.residual[: len(data)], here.measured[: len(data)]
+    noise = loosely.estimate.noise
+    if not loosely.converged:
+        return {}
+    here = model_for(loosely.errors, loosely.data, noise).linearise(loosely.x)
+    known_of, found = _stated_variance(here, SpotModel(loosely.errors, data).stated_sigma, noise), {}
     for kind, name in enumerate(kinds_of(data)):
-        own = measured & np.isfinite(sigma) & (here.kinds == kind)
+        own = here.measured[: len(data)] & np.isfinite(known_of) & (here.kinds == kind)
         free = np.count_nonzero(own) * loosely.freedom / max(here.count, 1)
         if free < LEAST_FREEDOM:
             continue
-        known, seen = sigma[own] ** 2, residual[own] ** 2 * np.count_nonzero(own) / free
+        known, seen = known_of[own], here.residual[: len(data)][own] ** 2 * np.count_nonzero(own) / free
         if np.mean(seen / known) > 1 + _SURE * np.sqrt(2 / free):
             found[name] = _beyond(known, seen)
     return found
 
 
-def _beyond(known: Vector, seen: Vector) -> float:
-    """The s with mean(seen / (known + s^2)) = 1, where that mean is above 1 at s = 0; all of them squares."""
-    from scipy.optimize import brentq
+def _stated_variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
+    """Variance of every number as it is stated with it and as the readings of the joints explain it, (n, m); nan where none is stated."""
+    of_joints = np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
+    return np.asarray(sigma**2 + of_joints)
 
-    s_squared = brentq(lambda s_squared: float(np.mean(seen / (known + s_squared))) - 1, 0.0, float(seen.sum()))
+
+def _beyond(known: Vector, seen: Vector) -> float:
+    """The s with mean(seen / (known + s^2)) = 1, where that mean is above 1 at s = 0; all of them squares.
+
+    The mean falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
+    """
+    s_squared, step = 0.0, np.inf
+    while step > _STILL * s_squared:
+        weights = 1 / (known + s_squared)
+        step = float((np.mean(seen * weights) - 1) / np.mean(seen * weights**2))
+        s_squared += step
     return float(np.sqrt(s_squared))
 
 
@@ -76,9 +90,8 @@ def in_words(extra: Mapping[str, float]) -> tuple[str, ...]:
     """A warning for each kind that scatters more than it states."""
     warnings = []
     for kind, size in extra.items():
-        unit, factor = _UNITS.get(kind, ("mm", MM))
         warnings.append(
-            f"the {noun(kind)} scatter more than their .sigma columns state: {size / factor:.3g} {unit} were added to each in quadrature, "
-            "as noise that the sensor does not know of"
+            f"the {KINDS[kind].several} scatter more than their .sigma columns state: {KINDS[kind].told(size)} were added to "
+            "each in quadrature, as noise that the sensor does not know of"
         )
     return tuple(warnings)

@@ -13,7 +13,7 @@ from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.pixel_spots import PixelSpots
-from urdfcal.readings import START_SIGMA
+from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.sensors import spot_jacobian, spots_on_screen
 from urdfcal.target_model import Reading, known_rows, readings_of
 
@@ -130,7 +130,7 @@ def kinds_of(data: Measurements) -> tuple[str, ...]:
 
 def start_sigma(data: Measurements) -> Vector:
     """Noise of every kind before any is known, (kinds,)."""
-    return np.array([START_SIGMA[kind] for kind in kinds_of(data)])
+    return np.array([start_sigma_of(kind) for kind in kinds_of(data)])
 
 
 def _other_lasers_rows(errors: ErrorModel) -> Mask | None:

@@ -21,7 +21,7 @@ from urdfcal.commands.inputs import (
     priors_of,
     require_places,
     rig_file_of,
-    spot_noise,
+    sensor_noise,
 )
 from urdfcal.commands.options import (
     CameraOption,
@@ -189,8 +189,7 @@ def fit(
         "estimator": estimator,
         "schedule": schedule,
         "options": replace(options, reference_known=options.reference_known or reference_known),
-        "spot_sigma": spot_noise(data, rig_file, spot_sigma_mm),
-        "sigmas": rig_file.noise.of_readings(),
+        "sigmas": sensor_noise(data, rig_file, spot_sigma_mm),
         "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
         "tolerance": positive("--tolerance", tolerance),
         "max_sweeps": max_sweeps,

@@ -132,16 +132,20 @@ def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     return np.radians(degrees)
 
 
-def spot_noise(data: Measurements, rig: RigFile, stated_mm: float | None) -> float | None:
-    """Standard deviation of a spot coordinate, [m], if it is stated anywhere.
+def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dict[str, float]:
+    """Noise by kind of reading, [m], [rad] or [px], as far as it is stated; a rig.yaml may also tell of what these measurements lack.
 
     Raises:
-        UsageError: it is stated for measurements without spots on a screen.
+        UsageError: noise of spots is asked for where there are none.
     """
-    if stated_mm is not None and not data.lasers:
+    from urdfcal.spot_model import kinds_of
+
+    if spot_mm is not None and not data.lasers:
         raise UsageError("--spot-sigma-mm: no laser spots are measured; state other noise in rig.yaml (noise: {point_mm: 0.1}) or columns")
-    millimetres = positive("--spot-sigma-mm", stated_mm) or rig.noise.spot_mm
-    return None if millimetres is None else millimetres * 1e-3
+    stated = rig.noise.by_kind()
+    if spot_mm is not None:
+        stated["spot"] = (positive("--spot-sigma-mm", spot_mm) or spot_mm) * 1e-3
+    return {kind: sigma for kind, sigma in stated.items() if kind in kinds_of(data)}
 
 
 def positive(option: str, value: float | None) -> float | None:

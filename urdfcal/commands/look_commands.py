@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import say, show, warn
-from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, spot_noise
+from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, sensor_noise
 from urdfcal.commands.options import (
     CameraOption,
     DataFile,
@@ -34,6 +34,7 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
+from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -54,17 +55,18 @@ def evaluate(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Print how far the spots of a URDF, calibrated or not, lie from the measured ones."""
+    """Print how far what a URDF predicts, calibrated or not, lies from what was measured."""
     from urdfcal.evaluation import beams_that_miss
     from urdfcal.evaluation import evaluate as run_evaluate
     from urdfcal.report import spot_table_block, table_json
 
-    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser), measurements, rig_file_of(rig), reference, target, camera)
+    rig_file = rig_file_of(rig)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
     warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
     fit_set, test_set = data.split()
-    tables = {name: run_evaluate(arm, rows) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
-    whole = run_evaluate(arm, data)
+    tables = {name: run_evaluate(arm, rows, rig_file.options()) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
+    whole = run_evaluate(arm, data, rig_file.options())
     machine = {"converged": True, "iterations": 0, "rank": 0, "parameters": [], "combinations": []}
     machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
     if "test" in tables:
@@ -117,7 +119,7 @@ def check(
         arm,
         data,
         options=options,
-        spot_sigma=spot_noise(data, rig_file, spot_sigma_mm),
+        sigmas=sensor_noise(data, rig_file, spot_sigma_mm),
         joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
         rng=np.random.default_rng(seed),
     )
@@ -155,6 +157,8 @@ def dh(
     from urdfcal.robot import robot_from
     from urdfcal.urdf_writer import with_origins
 
+    if reference is not None and tip is None:
+        raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     if tip is not None:
         arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, True),), reference or "", True), ())

@@ -16,11 +16,10 @@ from urdfcal.calibration_file import sha256
 from urdfcal.error_model import FLAT
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG
-from urdfcal.instrument_report import noise_in_words, noise_source, rig_in_words
+from urdfcal.instrument_report import noise_in_words, rig_in_words
 from urdfcal.measurements import Measurements
 from urdfcal.report import displayed
 from urdfcal.reporting.document import Table
-from urdfcal.reporting.residuals import honest_covariance
 from urdfcal.reporting.verdict import count_of
 
 _KINDS = {"reference": "measuring frame", "target": "targets", "place": "places"}
@@ -60,11 +59,9 @@ def _data_rows(label: str, data: Measurements) -> list[tuple[str, str]]:
 
 def _noise_text(calibration: FitResult) -> str:
     noise = calibration.estimate.noise
-    kind = noise_source(calibration) if noise.all_stated or honest_covariance(calibration) else "assumed"
     joints = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma)
     readings = f"; joint readings {', '.join(joints)}" if noise.of_joints else "; joint readings taken as exact"
-    spots = f"{noise_in_words(calibration)} ({kind})"
-    return f"{spots}{readings}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
+    return f"{noise_in_words(calibration)}{readings}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
 
 
 def _evidence_rows(calibration: FitResult) -> list[tuple[str, str]]:

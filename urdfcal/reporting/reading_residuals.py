@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.error_model import ErrorModel
-from urdfcal.error_table import UNITS
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Labels, Mask, Measurements
 from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.nominal import with_new_places
+from urdfcal.reading_kinds import UNITS
 from urdfcal.readings import Readings
 from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 from urdfcal.spot_model import kinds_of, model_for, start_sigma

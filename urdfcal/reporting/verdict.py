@@ -10,7 +10,7 @@ from typing import Literal
 from urdfcal.error_model import INSTRUMENTS
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.fit_result import FitResult
-from urdfcal.instrument_report import noise_in_words, noise_source
+from urdfcal.instrument_report import noise_in_words
 from urdfcal.noise import LEAST_FREEDOM
 from urdfcal.reporting.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
 
@@ -153,12 +153,12 @@ def _noise(calibration: FitResult) -> list[Finding]:
     noise = calibration.estimate.noise
     if calibration.rejection or not honest_covariance(calibration):
         return []
-    if not noise.all_stated and calibration.freedom < LEAST_FREEDOM:
-        return [Finding("warn", f"Too few measurements to estimate their noise; assumed: {noise_in_words(calibration)}.")]
-    if not noise.all_stated:
-        return [Finding("good", f"Estimated from the residuals: {noise_in_words(calibration)}.")]
     if calibration.extra_noise:
-        return [Finding("warn", f"Readings scatter more than they state; the noise is {noise_source(calibration)}.")]
+        return [Finding("warn", f"Readings scatter more than they state: {noise_in_words(calibration)}.")]
+    if not noise.all_stated and calibration.freedom < LEAST_FREEDOM:
+        return [Finding("warn", f"Too few measurements to estimate their noise: {noise_in_words(calibration)}.")]
+    if not noise.all_stated:
+        return [Finding("good", f"Noise: {noise_in_words(calibration)}.")]
     return [_stated_noise(calibration.chi_squared, max(measured_numbers(calibration) - used_numbers(calibration), 1.0))]
 
 

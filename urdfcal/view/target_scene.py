@@ -14,15 +14,15 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.error_model import ErrorModel
-from urdfcal.error_table import UNITS
-from urdfcal.evaluation import noise_of
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import build_error_model
 from urdfcal.geometry import Array3, Array4, Matrix, Vector
 from urdfcal.instruments import Place
+from urdfcal.known_noise import noise_of
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Block
 from urdfcal.nominal import nominal_fit
+from urdfcal.reading_kinds import UNITS
 from urdfcal.readings import Readings
 from urdfcal.robot import Robot
 from urdfcal.spot_model import SpotModel
