@@ -12,10 +12,9 @@ from urdfcal.hypotheses import Hypothesis, best_hypothesis
 from urdfcal.noise import Noise
 from urdfcal.reading_hypotheses import best_reading_hypothesis, readings_explained
 from urdfcal.spot_model import SpotModel
-from urdfcal.start import Start, find_start
+from urdfcal.start import INCREDIBLE, Start, find_start
 
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
-_INCREDIBLE = 6.0  # [sigmas of the prior] a fit that moved a parameter farther is not taken for granted
 
 
 def explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
@@ -24,7 +23,7 @@ def explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
     Else the start or the data need a second look: a robot shrunk to nothing explains spots in the wrong unit, and a module that is
     turned round explains a joint that was read off by a right angle.
     """
-    if np.any(np.abs(found.belief.x - model.errors.mean) > _INCREDIBLE * model.errors.sigma):
+    if np.any(np.abs(found.belief.x - model.errors.mean) > INCREDIBLE * model.errors.sigma):
         return False
     distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
     near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)

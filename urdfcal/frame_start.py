@@ -147,6 +147,8 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
 
 def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     """Boards in pictures, each picture with enough corners as a whole pose of the board in the camera."""
+    if not data.boards:
+        return
     import cv2
 
     for board, grid in data.boards.items():

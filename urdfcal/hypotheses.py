@@ -7,21 +7,23 @@ undoing it makes the data fit many times better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from urdfcal.aim import AimFit, Wanted, aim_cost, aim_fit
-from urdfcal.geometry import Vector
 from urdfcal.mistakes import mistakes_of_joints, mistakes_of_spots
 from urdfcal.noise import Noise
 from urdfcal.spot_model import SpotModel
 from urdfcal.start import credible, far_wanted, near_wanted, plausible_scale, tilted, turned_round
 
 _BETTER = 4.0  # how many times better a mistake must explain the data to be named
-_ALIKE = 1.5  # mistakes that fit this much worse than the best are weighed against it, priors included
+_ALIKE = 1.5  # mistakes that fit this much worse than the best are as good as it
 _QUICK, _THOROUGH = 6, 40  # iterations for every hypothesis, and for the best of them
-_BEST = 6
+_BEST = 6  # hypotheses that are tried to the end
 _MANY = 1000
 
 
@@ -48,6 +50,63 @@ class Hypothesis:
         return f"the data fit {times} times better with {self.undone}" + (f" (or with {self.instead})" if self.instead else "")
 
 
+@dataclass(frozen=True)
+class Judged:
+    """How the data fit with a mistake undone, or as they stand.
+
+    Attributes:
+        undone: What was undone.
+        scale: What the fit leaves over, in any unit.
+        cost: What it asks of the priors and leaves of the data where that is the scale of what is left over.
+        credible: Whether it believes nothing of the robot that nobody would.
+    """
+
+    undone: str
+    scale: float
+    cost: Callable[[float], float]
+    credible: bool
+
+
+class Trial(Protocol):
+    """A mistake undone that has been looked at quickly."""
+
+    @property
+    def left(self) -> float:
+        """What a quick look leaves over."""
+
+    def judged(self) -> Judged:
+        """A thorough one."""
+
+
+def best_of(trials: Sequence[Trial], least: float) -> list[Judged]:
+    """The mistakes that leave about as little over as the best one, those that ask least first.
+
+    Args:
+        trials: Every mistake that could have been made.
+        least: What is left over of any data, as `Judged.scale`.
+    """
+    fits = [fit for trial in sorted(trials, key=lambda trial: trial.left)[:_BEST] if (fit := trial.judged()).credible]
+    least = max(min((fit.scale for fit in fits), default=np.inf), least)
+    return sorted((fit for fit in fits if fit.scale <= _ALIKE * least), key=lambda fit: fit.cost(least))
+
+
+def times_better(stands: Judged, untouched: float, named: Judged, least: float) -> float:
+    """How many times better the data fit; 1 where it is too little, or something odd, but no mistake, explains them better still.
+
+    Args:
+        stands: A fit of the data as they stand.
+        untouched: What the nominal robot leaves over of them.
+        named: With the mistake undone.
+        least: What is left over of any data.
+    """
+    left = max(named.scale, least)
+    if stands.credible:
+        factor = min(stands.scale, untouched) / left
+    else:
+        factor = untouched / left if left < _ALIKE * max(stands.scale, least) else 1.0
+    return factor if factor >= _BETTER else 1.0
+
+
 def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
     """The mistake that explains the data many times better than none does, if there is one.
 
@@ -58,54 +117,45 @@ def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
         noise: Of the spots.
     """
     errors = model.errors
+    mistakes = (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, errors.chain.inputs))
     for wanted in (near_wanted(errors, noise), far_wanted(errors, noise)):
-        as_it_stands = aim_fit(model, wanted, errors.mean, _THOROUGH)
-        if as_it_stands.scale < plausible_scale(noise) and credible(errors, as_it_stands.x):
+        stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
+        if stands.scale < plausible_scale(noise) and stands.credible:
             return None
-        best = _best(model, wanted)
-        if best is not None and (factor := _factor(model, wanted, as_it_stands, best)) >= _BETTER:
-            return replace(best, factor=factor, instead=_instead(model, wanted, best))
+        trials = [_spot_trial(mistake.undone, SpotModel(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
+        untouched = aim_fit(model, wanted, errors.mean, iterations=0).scale
+        for named in best_of(trials, wanted.least)[:1]:
+            times = times_better(stands, untouched, named, wanted.least)
+            if times > 1 and named.scale < plausible_scale(noise):
+                return Hypothesis(named.undone, times, named.scale, _instead(model, wanted, named))
     return None
 
 
-def _factor(model: SpotModel, wanted: Wanted, as_it_stands: AimFit, best: Hypothesis) -> float:
-    """How many times better the data fit; 1 where something odd, but no mistake, explains them better still."""
-    left, untouched = max(best.scale, wanted.least), aim_fit(model, wanted, model.errors.mean, iterations=0).scale
-    if credible(model.errors, as_it_stands.x):
-        return min(as_it_stands.scale, untouched) / left
-    return untouched / left if left < _ALIKE * max(as_it_stands.scale, wanted.least) else 1.0
-
-
-def _instead(model: SpotModel, wanted: Wanted, best: Hypothesis) -> str:
+def _instead(model: SpotModel, wanted: Wanted, best: Judged) -> str:
     """A rig that is turned round and explains the data as they stand as well as the mistake does, in words."""
     fits = (aim_fit(model, wanted, x, _THOROUGH) for x in tilted(model.errors, np.pi))
     alike = (fit for fit in fits if fit.scale < _ALIKE * max(best.scale, wanted.least))
     return next((words for fit in alike if (words := turned_round(model.errors, fit.x))), "")
 
 
-def _best(model: SpotModel, wanted: Wanted) -> Hypothesis | None:
-    """The hypothesis that leaves least over; among those that leave about as little, the one that asks least of the priors."""
-    errors = model.errors
-    trials = [
-        _Trial(mistake.undone, SpotModel(errors, mistake.change(model.data)), wanted)
-        for mistake in (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, errors.chain.inputs))
-    ]
-    fits = [(trial, trial.fit(errors.mean, _QUICK)) for trial in trials]
-    fits = sorted(fits, key=lambda pair: pair[1].scale)[:_BEST]
-    fits = [(trial, fit) for trial, quick in fits if credible(errors, (fit := trial.fit(quick.x, _THOROUGH)).x)]
-    if not fits:
-        return None
-    least = max(min(fit.scale for _, fit in fits), wanted.least)
-    alike = [(trial, fit) for trial, fit in fits if fit.scale <= _ALIKE * least]
-    trial, fit = min(alike, key=lambda pair: aim_cost(pair[0].model, wanted, pair[1].x, least))
-    return Hypothesis(trial.undone, scale=fit.scale)
+def _spot_trial(undone: str, model: SpotModel, wanted: Wanted) -> _SpotTrial:
+    return _SpotTrial(undone, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _SpotTrial:
+    """A mistake in spots or joints undone, and a quick fit."""
+
     undone: str
     model: SpotModel
     wanted: Wanted
+    quick: AimFit
 
-    def fit(self, x: Vector, iterations: int) -> AimFit:
-        return aim_fit(self.model, self.wanted, x, iterations)
+    @property
+    def left(self) -> float:
+        return self.quick.scale
+
+    def judged(self) -> Judged:
+        fit = aim_fit(self.model, self.wanted, self.quick.x, _THOROUGH)
+        cost = partial(aim_cost, self.model, self.wanted, fit.x)
+        return Judged(self.undone, fit.scale, cost, credible(self.model.errors, fit.x))

@@ -32,8 +32,6 @@ _ON_SCREEN = {
     "the spots turned by 90 deg": [[0, -1], [1, 0]],
     "the spots turned by -90 deg": [[0, 1], [-1, 0]],
     "y and z of the spots swapped and mirrored": [[0, -1], [-1, 0]],
-    "the spots read as millimetres": [[MM, 0], [0, MM]],
-    "the spots read as metres in place of millimetres": [[1 / MM, 0], [0, 1 / MM]],
 }
 
 
@@ -74,7 +72,9 @@ def mistakes_of_spots(data: Measurements) -> Iterator[Mistake]:
     for one, other in combinations(range(len(data.lasers)), 2):
         yield Mistake(f"{data.lasers[one]} and {data.lasers[other]} swapped", partial(_lasers_swapped, one, other))
     for words, matrix in _ON_SCREEN.items():
-        yield Mistake(words, partial(_spots_through, np.array(matrix, dtype=float)))
+        yield Mistake(words, partial(_spots_changed, partial(_turned, np.array(matrix, dtype=float))))
+    for words, change in _of_lengths("spots").items():
+        yield Mistake(words, partial(_spots_changed, change))
 
 
 def mistakes_of_readings(data: Measurements) -> Iterator[Mistake]:
@@ -118,10 +118,9 @@ def _undone_by(kind: str, changes: Mapping[str, Values]) -> Iterator[Mistake]:
 
 
 def _of_lengths(what: str) -> dict[str, Values]:
-    return {
-        f"the {what} read as millimetres": lambda values: values * MM,
-        f"the {what} read as metres in place of millimetres": lambda values: values / MM,
-    }
+    units = {"millimetres": MM, "centimetres": 10 * MM, "inches": 25.4 * MM}
+    read_as = {f"the {what} read as {unit}": partial(np.multiply, size) for unit, size in units.items()}
+    return {**read_as, f"the {what} read as metres in place of millimetres": partial(np.multiply, 1 / MM)}
 
 
 def _of_points() -> dict[str, Values]:
@@ -170,8 +169,12 @@ def _swapped(count: int, one: int, other: int) -> list[int]:
     return order
 
 
-def _spots_through(matrix: Matrix, data: Measurements) -> Measurements:
-    return replace(data, spots=data.spots @ matrix.T)
+def _turned(matrix: Matrix, spots: Matrix) -> Matrix:
+    return spots @ matrix.T
+
+
+def _spots_changed(change: Values, data: Measurements) -> Measurements:
+    return replace(data, spots=change(data.spots))
 
 
 def _moved(columns: Columns, factor: float, shift: float, data: Measurements) -> Measurements:

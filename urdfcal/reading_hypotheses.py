@@ -14,24 +14,20 @@ import numpy as np
 from urdfcal.ekf import Belief, Estimate
 from urdfcal.error_model import ErrorModel
 from urdfcal.errors import FitRejected
-from urdfcal.geometry import DEG, Vector
-from urdfcal.hypotheses import Hypothesis
+from urdfcal.geometry import Vector
+from urdfcal.hypotheses import Hypothesis, Judged, best_of, times_better
 from urdfcal.measurements import Measurements
 from urdfcal.method import observations_of
 from urdfcal.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
-from urdfcal.noise import Noise
+from urdfcal.noise import LEAST_FREEDOM, Noise
 from urdfcal.nominal import nominal_fit
 from urdfcal.robust import kind_scales, reweighted, squared_distances
 from urdfcal.spot_model import SpotModel, model_for, start_sigma
+from urdfcal.start import INCREDIBLE, MOST_JOINT_TURN
 
-_BETTER = 4.0  # how many times better a mistake must explain the data to be named
-_ALIKE = 1.5  # mistakes that fit this much worse than the best are as good as it: what asks least of the joints' priors is named
-_TOLD_APART = 4.0  # and what asks hardly more of them, chi-squared, is named beside it
+_TOLD_APART = 4.0  # what asks hardly more of the joints' priors than the mistake that is named, chi-squared, is named beside it
 _PLAUSIBLE = 10.0  # [times the usual noise] what may be left over without a second look
-_INCREDIBLE = 6.0  # [sigmas of the prior] a joint that a fit moved farther asks for a second look
-_MOST_JOINT_TURN = 20 * DEG  # no joint is made worse than that
 _QUICK = 4  # sweeps that place the instruments for every hypothesis
-_BEST = 6  # hypotheses that are tried to the end
 _POSES = 200  # enough to tell a mistake from none
 
 
@@ -45,7 +41,7 @@ def readings_explained(model: SpotModel, found: Estimate, noise: Noise) -> bool:
     """
     errors = model.errors
     of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
-    if np.any(np.abs(found.belief.x - errors.mean)[of_joints] > _INCREDIBLE * errors.sigma[of_joints]):
+    if np.any(np.abs(found.belief.x - errors.mean)[of_joints] > INCREDIBLE * errors.sigma[of_joints]):
         return False
     return found.converged and _left_over(model, found.belief.x, noise) < _PLAUSIBLE
 
@@ -58,18 +54,17 @@ def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise
         data: The measurements.
         noise: As stated, or where its estimation starts.
     """
-    mistakes = (*mistakes_of_readings(data), *mistakes_of_joints(data, errors.chain.inputs))
-    quick = sorted((_trial(errors, data, noise, mistake) for mistake in mistakes), key=lambda trial: trial.untouched)
-    fits = [_fitted(trial, noise) for trial in quick[:_BEST]]
-    fits = [fit for fit in fits if fit.credible]
-    if not fits:
+    if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
         return None
-    least = max(min(fit.scale for fit in fits), 1.0)
-    named, *others = sorted((fit for fit in fits if fit.scale <= _ALIKE * least), key=lambda fit: fit.pull)
-    as_it_stands = _fitted(_trial(errors, data, noise, Mistake("", lambda data: data)), noise)
-    factor = _factor(as_it_stands, named)
-    alike = [fit.undone for fit in others if fit.pull < named.pull + _TOLD_APART]
-    return Hypothesis(named.undone, factor, named.scale, " or with ".join(alike)) if factor >= _BETTER else None
+    mistakes = (*mistakes_of_readings(data), *mistakes_of_joints(data, errors.chain.inputs))
+    fits = best_of([_trial(errors, data, noise, mistake) for mistake in mistakes], 1.0)
+    if not fits or fits[0].scale > _PLAUSIBLE:
+        return None
+    named, *others = fits
+    stands = _trial(errors, data, noise, Mistake("", lambda data: data))
+    times = times_better(stands.judged(), stands.left, named, 1.0)
+    alike = [fit.undone for fit in others if fit.cost(1.0) < named.cost(1.0) + _TOLD_APART]
+    return Hypothesis(named.undone, times, named.scale, " or with ".join(alike)) if times > 1 else None
 
 
 @dataclass(frozen=True)
@@ -80,40 +75,27 @@ class _Trial:
         undone: What was undone.
         model: Of some of them; None where instruments cannot be placed.
         x: The state at which joints and mount are nominal, (p,).
-        untouched: What the nominal robot leaves over.
+        noise: As stated, or where its estimation starts.
+        left: What the nominal robot leaves over.
     """
 
     undone: str
     model: SpotModel | None
     x: Vector
-    untouched: float
+    noise: Noise
+    left: float
 
-
-@dataclass(frozen=True)
-class _Fitted:
-    """A robust fit of them.
-
-    Attributes:
-        undone: What was undone.
-        untouched: What the nominal robot leaves over.
-        scale: What the fit leaves over.
-        pull: What it asks of the joints' priors, chi-squared.
-        credible: Whether no joint is turned farther than any is made wrongly.
-    """
-
-    undone: str
-    untouched: float
-    scale: float
-    pull: float
-    credible: bool
-
-
-def _factor(as_it_stands: _Fitted, named: _Fitted) -> float:
-    """How many times better the data fit; 1 where something odd, but no mistake, explains them better still."""
-    left = max(named.scale, 1.0)
-    if as_it_stands.credible:
-        return min(as_it_stands.scale, as_it_stands.untouched) / left
-    return as_it_stands.untouched / left if left < _ALIKE * max(as_it_stands.scale, 1.0) else 1.0
+    def judged(self) -> Judged:
+        """A robust fit; `cost` is what it asks of the joints' priors, chi-squared."""
+        if self.model is None:
+            return Judged(self.undone, np.inf, lambda _: np.inf, False)
+        errors = self.model.errors
+        prior = Belief.independent(errors.mean, errors.sigma)
+        x = reweighted(observations_of(self.model), prior, self.noise, start=self.x).belief.x
+        of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
+        pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
+        turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
+        return Judged(self.undone, _left_over(self.model, x, self.noise), lambda _: pull, not np.any(turns > MOST_JOINT_TURN))
 
 
 def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistake) -> _Trial:
@@ -121,21 +103,9 @@ def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistak
     try:
         nominal = nominal_fit(errors, some, noise, _QUICK)
     except FitRejected:  # a camera that no place suits
-        return _Trial(mistake.undone, None, errors.mean, np.inf)
+        return _Trial(mistake.undone, None, errors.mean, noise, np.inf)
     model = model_for(nominal.errors, some, noise)
-    return _Trial(mistake.undone, model, nominal.x, _left_over(model, nominal.x, noise))
-
-
-def _fitted(trial: _Trial, noise: Noise) -> _Fitted:
-    model = trial.model
-    if model is None:
-        return _Fitted(trial.undone, np.inf, np.inf, np.inf, False)
-    errors = model.errors
-    x = reweighted(observations_of(model), Belief.independent(errors.mean, errors.sigma), noise, start=trial.x).belief.x
-    of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
-    moved, turning = np.abs(x - errors.mean)[of_joints], np.array(errors.units)[of_joints] == "rad"
-    pull = float(np.sum((moved / errors.sigma[of_joints]) ** 2))
-    return _Fitted(trial.undone, trial.untouched, _left_over(model, x, noise), pull, not np.any(moved[turning] > _MOST_JOINT_TURN))
+    return _Trial(mistake.undone, model, nominal.x, noise, _left_over(model, nominal.x, noise))
 
 
 def _left_over(model: SpotModel, x: Vector, noise: Noise) -> float:

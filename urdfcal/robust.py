@@ -81,8 +81,13 @@ def degrees(here: Linearisation) -> Matrix:
 
 def robust_scale(d2: Matrix, freedom: Matrix | None = None) -> float:
     """How many times wider than assumed the bulk scatters, from the median squared distance; two degrees of freedom by default."""
-    usual = _MEDIANS[2] if freedom is None else np.vectorize(_median)(freedom)
-    return float(np.sqrt(np.nanmedian(d2 / usual)))
+    return float(np.sqrt(np.nanmedian(d2 / (_MEDIANS[2] if freedom is None else _medians(freedom)))))
+
+
+def _medians(freedom: Matrix) -> Matrix:
+    """Of chi-squared; there are few different degrees of freedom."""
+    some, which = np.unique(freedom, return_inverse=True)
+    return np.array([_median(each) for each in some.tolist()])[which].reshape(freedom.shape)
 
 
 def _median(freedom: int) -> float:

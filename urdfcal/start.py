@@ -29,7 +29,8 @@ _PLAUSIBLE, _NOISES = 5 * MM, 5.0  # what may be left over: this, or so many tim
 _BETTER = 0.2  # a rig that is elsewhere must leave less than this share of what was left before
 _FAR = 4.0  # [sigmas] beyond this a rig is not where its prior has it
 _TILT = 60 * DEG
-_MOST_TURN, _MOST_JOINT_TURN = 75 * DEG, 20 * DEG  # beyond these a rig is not placed roughly, and a joint not made badly
+_MOST_TURN, MOST_JOINT_TURN = 75 * DEG, 20 * DEG  # beyond these a rig is not placed roughly, and a joint not made badly
+INCREDIBLE = 6.0  # [sigmas of the prior] a fit that moved a parameter farther is not taken for granted
 _TILTED_ITERATIONS = 12
 _SHARE = 1e-6
 
@@ -96,7 +97,7 @@ def credible(errors: ErrorModel, x: Vector) -> bool:
     of_joints = np.array([unit == "rad" for unit in errors.units])
     for columns in rig_columns(errors):
         of_joints[columns] = False
-    return not turned_round(errors, x) and not np.any(np.abs(x - errors.mean)[of_joints] > _MOST_JOINT_TURN)
+    return not turned_round(errors, x) and not np.any(np.abs(x - errors.mean)[of_joints] > MOST_JOINT_TURN)
 
 
 def turned_round(errors: ErrorModel, x: Vector) -> str:
