@@ -29,7 +29,7 @@ from urdfcal.nominal import with_new_places
 from urdfcal.pixel_start import require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
-from urdfcal.scatter import extra_noise, in_words, states_noise, widened, without_stated_noise
+from urdfcal.scatter import extra_noise, in_words, scattering, stating_kinds, widened, without_stated_noise
 from urdfcal.slots import Kind
 from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
@@ -170,14 +170,22 @@ def fit(
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
-    extra: dict[str, float] = {}
-    if method.gates and states_noise(fit_set):
-        loosely = replace(task, method=Method(gated=gated), evidence=False)
-        extra = extra_noise(loosely.fitted(without_stated_noise(fit_set)), fit_set)
-    found = task.fitted(widened(fit_set, extra))
-    warnings = (*data.warnings, *found.warnings, *in_words(extra))
-    calibration = Calibration.of(replace(found, extra_noise=extra, warnings=warnings))
+    found = _with_extra_noise(task, fit_set) if method.gates and stating_kinds(fit_set) else task.fitted(fit_set)
+    calibration = Calibration.of(replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise))))
     return calibration if test_set is None else with_test(calibration, test_set)
+
+
+def _with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
+    """A fit of measurements that state their noise; where they scatter more, what is beyond is estimated and added."""
+    loosely = replace(task, method=Method(gated=task.method.gated), evidence=False).fitted(without_stated_noise(data))
+    task = replace(task, sane=False)  # has been looked at
+    found = task.fitted(data)
+    kinds = scattering(found)
+    for at in (loosely, None):  # at last where outliers were told apart by the right noise
+        if kinds and (at or found).converged:
+            extra = extra_noise(at or found, data, kinds)
+            found = replace(task.fitted(widened(data, extra)), extra_noise=extra)
+    return found
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:

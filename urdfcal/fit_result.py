@@ -17,6 +17,7 @@ from urdfcal.evidence import Evidence
 from urdfcal.geometry import DEG, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
+from urdfcal.misfit import Misfit, misfit_words
 from urdfcal.nominal import NominalFit
 from urdfcal.reading_kinds import KINDS
 from urdfcal.robot import Robot
@@ -49,6 +50,7 @@ class FitResult:
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
         test_outliers: Gross outliers among the test poses, left out of their table.
         folds: Distances before and after of poses that were left out in turn, and how many fits that took; None if it was not asked.
+        misfits: Chi-squared by kind of reading.
         extra_noise: What readings scatter beyond what their columns state, by kind, [m], [rad] or [px].
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
     """
@@ -67,6 +69,7 @@ class FitResult:
     error_model: str
     nominal: NominalFit
     freedom: float
+    misfits: Mapping[str, Misfit]
     warnings: tuple[str, ...] = ()
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
@@ -120,21 +123,23 @@ class FitResult:
         before, after = rms_mm(self.before), rms_mm(self.after)
         if not after < before:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
-        if self.estimate.noise.all_stated and self.chi_squared > CHI_SQUARED_LIMIT:
-            return (
-                f"chi-square is {self.chi_squared:.3g} times what the stated noise of {self._noise} explains "
-                f"(limit {CHI_SQUARED_LIMIT:g}); look for outliers or state the noise that there is"
-            )
+        for kind, stated in zip(self.kinds, self.estimate.noise.stated, strict=True):
+            if stated and self.misfits[kind].chi_squared > CHI_SQUARED_LIMIT:
+                words = misfit_words(self.misfits, kind, stated=True)
+                return f"{words}, chi-square is limited to {CHI_SQUARED_LIMIT:g}; look for outliers or state the noise that there is"
         return ""
+
+    @property
+    def disagreements(self) -> tuple[str, ...]:
+        """Where readings scatter otherwise than the stated noise says, in words; noise that is not stated can only be too large."""
+        noise = self.estimate.noise
+        of_kinds = [(kind, bool(stated)) for kind, stated in zip(self.kinds, noise.stated, strict=True) if self.misfits[kind].odd]
+        return tuple(misfit_words(self.misfits, kind, stated) for kind, stated in of_kinds if stated or noise.of_joints)
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """What was measured, in the order of the noise."""
         return kinds_of(self.data)
-
-    @property
-    def _noise(self) -> str:
-        return ", ".join(KINDS[kind].told(sigma) for kind, sigma in zip(self.kinds, self.estimate.noise.sigma.tolist(), strict=True))
 
     @property
     def _turned(self) -> str:

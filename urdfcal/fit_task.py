@@ -16,11 +16,12 @@ from urdfcal.fit_result import FitResult
 from urdfcal.fit_start import begin, explains, require_beams_on_screen, require_sane_readings
 from urdfcal.fit_warnings import disagreement, few_spots, large_scales
 from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import Vector
+from urdfcal.geometry import Matrix, Vector
 from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.known_noise import noise_of
 from urdfcal.measurements import Measurements
 from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior
+from urdfcal.misfit import Misfit, misfits
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import NominalFit, nominal_fit
@@ -101,8 +102,7 @@ class FitTask:
         here = clean.model.linearise(found.belief.x)
         plain = posterior(here, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
         freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
-        of_kinds = freedom * here.counts / max(here.count, 1)
-        return FitResult(
+        result = FitResult(
             robot=self.robot,
             errors=errors,
             estimate=found,
@@ -124,9 +124,10 @@ class FitTask:
                 *said,
                 *few_spots(data, found.noise, freedom),
                 *large_scales(scaled.evidence),
-                *disagreement(kinds_of(data), found.noise, _misfits(self.method, found.noise, here, of_kinds), of_kinds),
             ),
+            misfits=dict(zip(kinds_of(data), _misfits(self.method, found.noise, here, plain), strict=True)),
         )
+        return replace(result, warnings=(*result.warnings, *disagreement(result)))
 
 
 class _First:
@@ -196,8 +197,11 @@ def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -
     return noise.chi_squared(here) / max(freedom, 1.0)
 
 
-def _misfits(method: Method, noise: Noise, here: Linearisation, freedom: Vector) -> Vector:
-    """The same of every kind of reading with its own degrees of freedom, (kinds,)."""
-    if method.estimator == "robust":
-        return kind_scales(here, squared_distances(here, noise)) ** 2
-    return noise.chi_squared_of_kinds(here) / np.maximum(freedom, 1.0)
+def _misfits(method: Method, noise: Noise, here: Linearisation, P: Matrix) -> tuple[Misfit, ...]:
+    """The same of every kind of reading."""
+    found = misfits(here, noise, P)
+    if method.estimator != "robust":
+        return found
+    return tuple(
+        replace(own, chi_squared=scale**2) for own, scale in zip(found, kind_scales(here, squared_distances(here, noise)), strict=True)
+    )

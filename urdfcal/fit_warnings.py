@@ -2,40 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
-import numpy as np
-
 from urdfcal.error_model import DEFAULT_PRIORS
 from urdfcal.evidence import Evidence
-from urdfcal.geometry import MM, Vector
+from urdfcal.fit_result import FitResult
+from urdfcal.geometry import MM
 from urdfcal.measurements import Measurements
 from urdfcal.noise import LEAST_FREEDOM, Noise
-from urdfcal.reading_kinds import KINDS
 
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
-_CHI_SIGMAS = 4.0  # how far chi-squared may stray before stated and seen noise disagree
 
 
-def disagreement(kinds: Sequence[str], noise: Noise, misfits: Vector, freedom: Vector) -> tuple[str, ...]:
-    """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen.
-
-    Args:
-        kinds: What was measured, in the order of the noise.
-        noise: Of the measurements.
-        misfits: Chi-squared per degree of freedom of each kind, (kinds,).
-        freedom: Those degrees, (kinds,).
-    """
-    warnings = []
-    for kind, stated, misfit, free in zip(kinds, noise.stated.tolist(), misfits.tolist(), freedom.tolist(), strict=True):
-        if not stated or free < LEAST_FREEDOM or abs(misfit - 1) < _CHI_SIGMAS * np.sqrt(2 / free):
-            continue
-        what, times = KINDS[kind].several, np.sqrt(misfit)
-        warnings.append(
-            f"the {what} scatter {times:.2g} times as much as the stated noise explains (chi-square {misfit:.3g} per degree of freedom): "
-            f"{'the sigmas are too small' if times > 1 else 'the sigmas are too large'}; leave the noise out to have it estimated"
-        )
-    return tuple(warnings)
+def disagreement(found: FitResult) -> tuple[str, ...]:
+    """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
+    return tuple(f"{words}; leave the noise out to have it estimated" for words in found.disagreements)
 
 
 def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ...]:

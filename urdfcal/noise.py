@@ -177,11 +177,6 @@ class Noise:
         whitened = self.weights(here).residual(here)
         return float(whitened @ whitened)
 
-    def chi_squared_of_kinds(self, here: Linearisation) -> Vector:
-        """The same by kind of number, (kinds,)."""
-        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
-        return np.asarray(np.bincount(here.kinds, squares.sum(axis=0), minlength=len(here.counts)))
-
     def estimated(self, here: Linearisation, degrees_of_freedom: Any) -> Noise:
         """The noise that would make chi-squared of each kind equal its degrees of freedom (kinds,), one fixed-point step on from this.
 

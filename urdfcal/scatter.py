@@ -8,26 +8,31 @@ a slant still counts for less.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from urdfcal.ekf import Belief
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.measurements import Measurements
-from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
+from urdfcal.method import posterior
+from urdfcal.misfit import leverages
+from urdfcal.noise import Linearisation, Noise
 from urdfcal.reading_kinds import KINDS
 from urdfcal.spot_model import SpotModel, kinds_of, model_for
 
-_SURE = 4.0  # sigmas of chi-squared beyond which there is more noise than stated
+_MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
 _STILL = 1e-9  # share of s^2
+_ROUNDS = 20
+_SAME = 0.01  # share of s by which it may be off
 
 
-def states_noise(data: Measurements) -> bool:
-    """Whether any reading states its own noise."""
-    own = [data.sigma[data.seen], *(each.sigma[each.seen] for each in data.readings)]
-    return any(np.isfinite(sigma).any() for sigma in own)
+def stating_kinds(data: Measurements) -> set[str]:
+    """Kinds of readings of which any states its own noise."""
+    own = [("spot", data.sigma[data.seen]), *((each.kind, each.sigma[each.seen]) for each in data.readings)]
+    return {kind for kind, sigma in own if np.isfinite(sigma).any()}
 
 
 def without_stated_noise(data: Measurements) -> Measurements:
@@ -36,45 +41,69 @@ def without_stated_noise(data: Measurements) -> Measurements:
     return replace(data, sigma=np.full_like(data.sigma, np.nan), readings=readings)
 
 
-def extra_noise(loosely: FitResult, data: Measurements) -> dict[str, float]:
-    """What has to be added to the stated noise, by kind, [m], [rad] or [px]; nothing of kinds that scatter as they state.
+def scattering(found: FitResult) -> list[str]:
+    """Kinds of readings that seem to scatter more than they state."""
+    return [kind for kind in stating_kinds(found.data) if found.misfits[kind].sigmas > _MORE]
+
+
+def extra_noise(found: FitResult, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+    """What has to be added to the stated noise, by kind, [m], [rad] or [px]: the s that makes chi-squared its degrees of freedom.
+
+    Both change with s, since precise readings draw the fit more. So in turn: residuals and leverages of the linearised fit with the
+    present s, and the s that suits them.
 
     Args:
-        loosely: The fit of these measurements without what they state.
+        found: A fit of these measurements, from where they are linearised; what it left out as outliers does not count.
         data: The measurements with what they state.
+        kinds: Kinds that scatter more than they state.
     """
-    noise = loosely.estimate.noise
-    if not loosely.converged:
-        return {}
-    here = model_for(loosely.errors, loosely.data, noise).linearise(loosely.x)
-    known_of, found = _stated_variance(here, SpotModel(loosely.errors, data).stated_sigma, noise), {}
-    for kind, name in enumerate(kinds_of(data)):
-        own = here.measured[: len(data)] & np.isfinite(known_of) & (here.kinds == kind)
-        free = np.count_nonzero(own) * loosely.freedom / max(here.count, 1)
-        if free < LEAST_FREEDOM:
-            continue
-        known, seen = known_of[own], here.residual[: len(data)][own] ** 2 * np.count_nonzero(own) / free
-        if np.mean(seen / known) > 1 + _SURE * np.sqrt(2 / free):
-            found[name] = _beyond(known, seen)
-    return found
+    noise, errors = found.estimate.noise, found.errors
+    here = model_for(errors, found.data, noise).linearise(found.x)
+    sigma, prior = SpotModel(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
+    index = {kind: kinds_of(data).index(kind) for kind in kinds}
+    extra = dict.fromkeys(kinds, 0.0)
+    variance = _variance(here, sigma, noise)
+    own = {kind: here.measured[: len(data)] & np.isfinite(variance) & (here.kinds == index[kind]) for kind in kinds}
+    for _ in range(_ROUNDS):
+        last, now = extra, _with_sigma(here, sigma, {index[kind]: s for kind, s in extra.items()})
+        squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, found.x))
+        extra = {kind: _beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
+        if all(abs(extra[kind] - last[kind]) <= _SAME * extra[kind] for kind in kinds):
+            break
+    return {kind: s for kind, s in extra.items() if s > 0}
 
 
-def _stated_variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
+def _with_sigma(here: Linearisation, sigma: Matrix, extra: Mapping[int, float]) -> Linearisation:
+    """The set with every number's stated noise (n, m) widened by that of its kind."""
+    wider = np.array([extra.get(kind, 0.0) for kind in here.kinds.tolist()])
+    stated = here.stated_sigma.copy()
+    stated[: len(sigma)] = np.hypot(sigma, wider)
+    return replace(here, stated_sigma=stated)
+
+
+def _refitted(here: Linearisation, noise: Noise, prior: Belief, x: Vector) -> tuple[Matrix, Matrix]:
+    """Squared residuals once the linearised set was fitted from x with this noise, and their degrees of freedom 1 - h, both (n, m)."""
+    weights, P = noise.weights(here), posterior(here, prior, noise)
+    gradient = weights.jacobian(here).T @ weights.residual(here) + (prior.x - x) / np.diag(prior.P)
+    return (here.residual - here.jacobian @ (P @ gradient)) ** 2, 1 - leverages(here, noise, P)
+
+
+def _variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
     """Variance of every number as it is stated with it and as the readings of the joints explain it, (n, m); nan where none is stated."""
     of_joints = np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
     return np.asarray(sigma**2 + of_joints)
 
 
-def _beyond(known: Vector, seen: Vector) -> float:
-    """The s with mean(seen / (known + s^2)) = 1, where that mean is above 1 at s = 0; all of them squares.
+def _beyond(known: Vector, squares: Vector, freedom: float) -> float:
+    """The s with sum(r^2 / (known + s^2)) = freedom; 0 where the sum is not above it anyway.
 
-    The mean falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
+    The sum falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
     """
     s_squared, step = 0.0, np.inf
     while step > _STILL * s_squared:
         weights = 1 / (known + s_squared)
-        step = float((np.mean(seen * weights) - 1) / np.mean(seen * weights**2))
-        s_squared += step
+        step = float((np.sum(squares * weights) - freedom) / np.sum(squares * weights**2))
+        s_squared += max(step, 0.0)
     return float(np.sqrt(s_squared))
 
 

@@ -19,7 +19,6 @@ Level = Literal["good", "warn", "bad"]
 WORSE = 1.5  # times what test poses are expected to lie off more than fitted ones
 _CHANCE = 3.0  # standard deviations that are allowed for a few test poses
 _ROUNDING_MM = 1e-3  # below it nothing is worse than anything else
-_UNEXPECTED = 4.0  # standard deviations of chi-square per degree of freedom
 _MANY = 0.05  # share of the spots that are left out
 _FEW = 6  # names that a sentence can hold
 _SUMMARY: dict[Level, str] = {
@@ -153,22 +152,15 @@ def _noise(calibration: FitResult) -> list[Finding]:
     noise = calibration.estimate.noise
     if calibration.rejection or not honest_covariance(calibration):
         return []
+    if calibration.disagreements:
+        return [Finding("warn", f"{words[0].upper()}{words[1:]}.") for words in calibration.disagreements]
     if calibration.extra_noise:
         return [Finding("warn", f"Readings scatter more than they state: {noise_in_words(calibration)}.")]
     if not noise.all_stated and calibration.freedom < LEAST_FREEDOM:
         return [Finding("warn", f"Too few measurements to estimate their noise: {noise_in_words(calibration)}.")]
     if not noise.all_stated:
         return [Finding("good", f"Noise: {noise_in_words(calibration)}.")]
-    return [_stated_noise(calibration.chi_squared, max(measured_numbers(calibration) - used_numbers(calibration), 1.0))]
-
-
-def _stated_noise(chi_squared: float, free: float) -> Finding:
-    told = f"chi-square is {chi_squared:.3g} per degree of freedom"
-    if abs(chi_squared - 1) < _UNEXPECTED * math.sqrt(2 / free):
-        return Finding("good", f"Residuals agree with the stated noise: {told}.")
-    direction = "larger" if chi_squared > 1 else "smaller"
-    times = f"{math.sqrt(chi_squared):.3g} times what the stated noise explains"
-    return Finding("warn", f"Residuals are {times}, so sigmas should be {direction}: {told}.")
+    return [Finding("good", f"Residuals agree with the stated noise: chi-square is {calibration.chi_squared:.3g} per degree of freedom.")]
 
 
 def _left_out(calibration: FitResult) -> list[Finding]:

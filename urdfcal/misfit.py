@@ -1,0 +1,77 @@
+"""Do residuals scatter as the noise says? Chi-squared of every kind of reading over its own degrees of freedom.
+
+A fit draws predictions towards what was measured. With H the whitened Jacobian and P the covariance of the parameters, a whitened
+residual has the variance 1 - h, h = diag(H P H') its leverage, so that the degrees of freedom of some numbers are sum(1 - h).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.geometry import Matrix, Vector
+from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
+from urdfcal.reading_kinds import KINDS
+
+_SURE = 4.0  # sigmas of chi-squared beyond which it is no chance
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """How a kind of reading scatters.
+
+    Attributes:
+        chi_squared: Per degree of freedom.
+        freedom: Degrees of freedom.
+    """
+
+    chi_squared: float
+    freedom: float
+
+    @property
+    def odd(self) -> bool:
+        """Whether it is no chance that they scatter more, or less, than the noise says."""
+        return abs(self.sigmas) > _SURE
+
+    @property
+    def sigmas(self) -> float:
+        """How many of its own standard deviations chi-squared is too large; 0 where the degrees of freedom are too few to tell."""
+        return (self.chi_squared - 1) / float(np.sqrt(2 / self.freedom)) if self.freedom >= LEAST_FREEDOM else 0.0
+
+
+def leverages(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
+    """What each number was drawn towards its measurement, as a share of its variance, (n, m)."""
+    H = noise.weights(here).jacobian(here)
+    return np.asarray(np.einsum("ij,ij->i", H @ P, H).reshape(here.residual.shape))
+
+
+def misfits(here: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
+    """One for each kind of reading, in the order of the noise.
+
+    Args:
+        here: Residual and Jacobian at the estimate.
+        noise: Of the measurements.
+        P: Covariance of the parameters, (p, p).
+    """
+    squares = (noise.weights(here).residual(here) ** 2).reshape(here.residual.shape)
+    free = np.where(here.measured, 1 - leverages(here, noise, P), 0.0)
+    return tuple(
+        Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
+        for chi_squared, freedom in zip(_by_kind(here, squares), _by_kind(here, free), strict=True)
+    )
+
+
+def misfit_words(found: Mapping[str, Misfit], kind: str, stated: bool) -> str:
+    """`the spots scatter 2 times as much as the stated noise explains (chi-square 4 per degree of freedom)`."""
+    own = found[kind]
+    noise = "stated noise" if stated else "stated noise of the joints"
+    return (
+        f"the {KINDS[kind].several} scatter {np.sqrt(own.chi_squared):.2g} times as much as the {noise} explains "
+        f"(chi-square {own.chi_squared:.3g} per degree of freedom)"
+    )
+
+
+def _by_kind(here: Linearisation, numbers: Matrix) -> Vector:
+    return np.asarray(np.bincount(here.kinds, numbers.sum(axis=0), minlength=len(here.counts)))
