@@ -9,6 +9,7 @@ import pytest
 
 from urdfcal.calibration import fit
 from urdfcal.error_table import rms_mm
+from urdfcal.gauge import build_error_model
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Block, Linearisation, Noise
 from urdfcal.robot import Robot
@@ -106,3 +107,17 @@ def test_evolution_ends_where_the_filter_does(robots: dict[str, Robot], rng: np.
     data = simulate(robot, model, truth, draw_poses(robot, model, truth, 40, rng), rng, SimulatedNoise(1e-3))
     found, expected = fit(robot, data, estimator="evolution", spot_sigma=1e-3), fit(robot, data, spot_sigma=1e-3)
     assert np.abs((found.x - expected.x) / expected.sigma).max() < 1e-6
+
+
+def test_sigmas_of_the_robust_estimator_hold_the_truth(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Weights that vary from spot to spot cost some of what the data tell, and its sigmas say so."""
+    robot = robots["panda"]
+    model = build_error_model(robot.chain, robot.rig)
+    off = []
+    for _ in range(8):
+        truth = rng.normal(size=len(model.names)) * np.where(np.array(model.units) == "m", 2e-3, np.radians(0.2))
+        data = simulate(robot, model, truth, draw_poses(robot, model, truth, 40, rng), rng, SimulatedNoise(1e-3))
+        found = fit(robot, data, estimator="robust")
+        off.append((found.x - truth) / found.sigma)
+    assert np.sqrt(np.mean(np.square(off))) < 1.15
+    assert np.mean(np.abs(off) < 1.96) > 0.92

@@ -22,9 +22,10 @@ from urdfcal.nominal import NominalFit
 from urdfcal.reading_kinds import KINDS
 from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
-from urdfcal.spot_model import kinds_of
+from urdfcal.spot_model import SpotModel, kinds_of
 
 _MOST_TURN = 60 * DEG  # joint errors beyond are a mistake somewhere
+_MOST_WANDER = 1 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
 
@@ -159,14 +160,26 @@ class FitResult:
         """A kind of reading that the fit could not explain at all."""
         noise = self.estimate.noise
         estimated = {kind: float(sigma) for kind, sigma, stated in zip(self.kinds, noise.sigma, noise.stated, strict=True) if not stated}
-        for name, scatter in (estimated | dict(self.extra_noise)).items():
+        estimated |= self.extra_noise
+        for name, scatter in estimated.items():
             kind = KINDS[name]
             if scatter > kind.most * kind.size:
                 return (
                     f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
                     "check their order, units and axes"
                 )
+        if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
+            return (
+                f"the spots scatter by {KINDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
+                f"{angle / DEG:.2g} deg; no arm and no laser is so bad: check the joints' units, signs and zeros, and the rig"
+            )
         return ""
+
+    @property
+    def _beam_length(self) -> float:
+        """Usual distance from a laser to its spot, [m]; infinite where none was seen."""
+        lengths = SpotModel(self.errors, self.data).predict(self.x)[1][self.data.seen]
+        return float(np.median(lengths)) if len(lengths) else np.inf
 
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""

@@ -193,7 +193,7 @@ def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: E
 def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
     """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
     if method.estimator == "robust":
-        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2
+        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2 * here.count / max(freedom, 1.0)
     return noise.chi_squared(here) / max(freedom, 1.0)
 
 
@@ -202,6 +202,8 @@ def _misfits(method: Method, noise: Noise, here: Linearisation, P: Matrix) -> tu
     found = misfits(here, noise, P)
     if method.estimator != "robust":
         return found
+    scales = kind_scales(here, squared_distances(here, noise)).tolist()
     return tuple(
-        replace(own, chi_squared=scale**2) for own, scale in zip(found, kind_scales(here, squared_distances(here, noise)), strict=True)
+        replace(own, chi_squared=scale**2 * count / max(own.freedom, 1.0))
+        for own, scale, count in zip(found, scales, here.counts.tolist(), strict=True)
     )

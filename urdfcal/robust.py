@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from urdfcal.ekf import Belief, Estimate, Linearise, Sweep, iterated_schedule
+from urdfcal.ekf import Belief, Estimate, Linearise, Sweep, compress, iterated_schedule, update
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
@@ -195,7 +195,8 @@ def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss =
         belief = estimate.belief
         here, met = spots.reached(belief.x)
         if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior), here):
-            return replace(estimate, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
+            belief = Belief(belief.x, _covariance(spots.at(belief.x, heard), scaled, estimate.belief, prior, loss))
+            return replace(estimate, belief=belief, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
     return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
 
 
@@ -209,6 +210,22 @@ def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
     """How many times smaller than the noise residuals are for the parameters having been fitted to them."""
     used = len(belief.x) - float(np.sum(np.diag(belief.P) / np.diag(prior.P)))
     return float(np.sqrt(here.count / max(here.count - used, LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
+
+
+def _covariance(here: Linearisation, noise: Noise, belief: Belief, prior: Belief, loss: Loss) -> Matrix:
+    """Covariance of an M-estimate, (p, p): it uses the share kappa = E[psi']^2 / E[psi^2] of what the data tell of x.
+
+    The expectations are means over all numbers, E[psi^2] = E[w^2 d2] / m with Huber's n / (n - p) for few of them, and
+    E[psi'] = E[w + 2 d2 w' / m] (Huber, Robust Statistics, 1981, chapter 7; Maronna, Annals of Statistics 4, 1976).
+    """
+    d2, m = np.nan_to_num(squared_distances(here, noise)), degrees(here)
+    weights = np.where(m > 0, _weights(d2, m, loss), 0.0)
+    slope = weights**2 * d2 / (_NU + m) if loss == "student" else np.where(weights < 1, weights / 2, 0.0)
+    squared = np.sum(weights**2 * d2) / max(here.count, 1) * _room(here, belief, prior) ** 2
+    kappa = (np.sum(m * weights - 2 * slope) / max(here.count, 1)) ** 2 / squared
+    H = noise.weights(here).jacobian(here)
+    rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
+    return update(prior, np.zeros(len(rows)), np.sqrt(kappa) * rows, np.eye(len(rows)))[0].P
 
 
 def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
