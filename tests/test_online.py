@@ -211,3 +211,17 @@ def test_what_cannot_be_is_refused_at_once(robots: dict[str, Robot], rng: np.ran
     with pytest.raises(ShapeMismatch, match="q has shape"):
         calibrator.update(np.zeros(6), np.zeros((2, 2)))
     assert calibrator.state.poses == 0
+
+
+def test_understated_spots_do_not_promise_too_much(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where spots scatter ten times as much as they state, the accuracy that is predicted is that of what they do."""
+    robot = robots["panda"]
+    model, truth = random_truth(robot, rng, 2e-3, np.radians(0.2))
+    data = simulate(robot, model, truth, draw_poses(robot, model, truth, 60, rng), rng, SimulatedNoise(1e-3))
+    usual, stating = OnlineCalibrator(robot, target_mm=0.1), OnlineCalibrator(robot, target_mm=0.1)
+    for q, spots in zip(data.q, data.spots, strict=True):
+        usual.update(q, spots)
+        stating.update(q, spots, np.full(2, 1e-4))
+    assert stating.state.extra_noise_mm == pytest.approx(1.0, rel=0.2)
+    assert stating.state.tool_sigma_mm == pytest.approx(usual.state.tool_sigma_mm, rel=0.2)
+    assert not stating.state.enough

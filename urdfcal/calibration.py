@@ -24,14 +24,14 @@ from urdfcal.gauge import ModelOptions, laid_over
 from urdfcal.geometry import Vector
 from urdfcal.known_noise import joint_sigmas, stated_noise
 from urdfcal.measurements import Measurements
-from urdfcal.method import Method, without_gross_outliers
+from urdfcal.method import USUAL_Q, USUAL_R, Method, without_gross_outliers
 from urdfcal.nominal import with_new_places
 from urdfcal.pixel_start import require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
 from urdfcal.scatter import extra_noise, in_words, scattering, stating_kinds, widened, without_stated_noise
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, model_for
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
@@ -119,21 +119,21 @@ def fit(
     joint_sigma: float | Vector = 0.0,
     tolerance: float | None = None,
     max_sweeps: int | None = None,
-    q: float = 1e-4,
-    r: float = 1e-4,
+    q: float = USUAL_Q,
+    r: float = USUAL_R,
     gated: bool = True,
     evidence: bool = True,
     sane: bool = True,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
 ) -> Calibration:
-    """Calibrate a robot from laser spots.
+    """Calibrate a robot from laser spots, points, poses, distances, touches, pixels, or all of them together.
 
     Poses marked `test` in the data are not fitted but evaluated.
 
     Args:
         robot: Nominal robot; left unchanged.
-        data: Joint positions and spots.
+        data: Joint positions, and what was read at them.
         estimator: `ekf`, `lse` (Levenberg-Marquardt), `robust` (Student's t) or `evolution` (differential evolution, polished).
         schedule: Of the EKF: `iterated` (maximum a posteriori, honest covariance) or `paper` (sweeps with Q and R).
         options: What is to be calibrated; the arguments below are laid over it.
@@ -141,7 +141,7 @@ def fit(
         estimate: Additions: `screen`, `beams` or `beams4`.
         fix: Patterns of parameters that are held.
         only: Patterns; every other parameter is held.
-        priors: Standard deviations by group: `joint`, `mount`, `screen`, `beam`.
+        priors: Standard deviations by group: `joint`, `mount`, `screen`, `beam`, `reference`, `target`, `place`, `camera`.
         spot_sigma: Noise of a spot coordinate, [m]; estimated from the residual if None.
         sigmas: The same of other readings by kind: `point`, `orientation`, `distance`, `plane`, `socket`, `pixel`; [m], [rad] or [px].
         joint_sigma: Noise of a joint reading, [rad], one number for all turning joints or one a joint, (inputs,).
@@ -160,6 +160,7 @@ def fit(
     Raises:
         UsageError: an option means nothing here.
         ShapeMismatch: the data belong to another robot.
+        FitRejected: a common mistake explains the data far better, or a beam that was seen does not meet the screen in the model.
     """
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
@@ -181,18 +182,21 @@ def _with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
     task = replace(task, sane=False)  # has been looked at
     found = task.fitted(data)
     kinds = scattering(found)
-    for at in (loosely, None):  # at last where outliers were told apart by the right noise
-        if kinds and (at or found).converged:
-            extra = extra_noise(at or found, data, kinds)
-            found = replace(task.fitted(widened(data, extra)), extra_noise=extra)
+    at = loosely
+    for _ in range(2) if kinds else ():  # the second time where outliers were told apart by the right noise
+        if at.converged:
+            noise = at.estimate.noise
+            extra = extra_noise(model_for(at.errors, at.data, noise), at.x, noise, data, kinds)
+            at = found = replace(task.fitted(widened(data, extra)), extra_noise=extra)
     return found
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:
-    """The same calibration with the spot distances of test poses.
+    """The same calibration with the distances of test poses.
 
     Raises:
-        UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown.
+        UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown, or was measured with
+            other instruments.
     """
     unknown = set(test.session_names) - set(calibration.errors.sessions)
     if unknown:

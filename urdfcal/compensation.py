@@ -41,6 +41,7 @@ _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
 _DAMPED = 0.01**2 * np.eye(6)  # [m^2] near singular configurations joints do not chase what they can hardly move
 _ROUNDS, _STILL = 8, 1e-9  # [rad], [m]; deflections are milliradians: each round of the inverse gains about three digits
+Payload = float | Vector | None
 _COMMENT = re.compile(rb"\n<!-- urdfcal compensation sha256 ([0-9a-f]{64}) -->\n?$")
 
 
@@ -70,21 +71,23 @@ class Compensation:
         """Names of the joints that configurations are of, in order."""
         return self.softness.chain.input_names
 
-    def corrected_configuration(self, q: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
+    def corrected_configuration(self, q: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
         """What to feed the calibrated model so that its forward kinematics is where the arm is.
 
         Args:
             q: Joint readings, (n, joints) or (joints,), [rad] or [m].
             payload: Further mass at the tool, one or one a pose, [kg].
+            approach: Direction of each joint's last move, of q's shape: -1, 0 or 1. Only where it was fitted (`--also approach`); without
+                it those terms are 0.
 
         Returns:
             Of q's shape.
 
         Raises:
-            ShapeMismatch: q has not one number a joint, or the payload not one a pose.
+            ShapeMismatch: q or approach has not one number a joint, or the payload not one a pose.
         """
         rows = self._checked(q)
-        corrected = rows + self._deflection(rows, self._masses(payload, len(rows)))
+        corrected = rows + self._deflection(rows, self._masses(payload, len(rows)), self._directions(approach, rows))
         return np.asarray(corrected[0] if np.ndim(q) == 1 else corrected)
 
     def whole(self, q: Matrix | Vector) -> Matrix:
@@ -99,12 +102,13 @@ class Compensation:
         rows = whole_configurations(self.robot, self._checked(q))
         return np.asarray(rows[0] if np.ndim(q) == 1 else rows)
 
-    def command(self, q_wanted: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
+    def command(self, q_wanted: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
         """What to command so that the arm is where the calibrated model is at q_wanted.
 
         Args:
             q_wanted: Wanted configurations of the calibrated model, (n, joints) or (joints,), [rad] or [m].
             payload: Further mass at the tool, one or one a pose, [kg].
+            approach: Direction of the move that will lead there, as above.
 
         Returns:
             Of q_wanted's shape.
@@ -113,18 +117,18 @@ class Compensation:
             ShapeMismatch: as above.
         """
         wanted = self._checked(q_wanted)
-        masses = self._masses(payload, len(wanted))
+        masses, directions = self._masses(payload, len(wanted)), self._directions(approach, wanted)
         q = wanted
         for _ in range(_ROUNDS):
-            last, q = q, wanted - self._deflection(q, masses)
+            last, q = q, wanted - self._deflection(q, masses, directions)
             if np.max(np.abs(q - last), initial=0.0) < _STILL:
                 break
         return np.asarray(q[0] if np.ndim(q_wanted) == 1 else q)
 
-    def deflections(self, q: Matrix | Vector, payload: float | Vector | None = None) -> Matrix:
+    def deflections(self, q: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
         """Angle by which each term turns its joint, (n, terms), [rad], in the order of `softness.terms`."""
         rows = self._checked(q)
-        return self.softness.basis(rows, self._masses(payload, len(rows))) * self._values
+        return self.softness.basis(rows, self._masses(payload, len(rows)), self._directions(approach, rows)) * self._values
 
     def _checked(self, q: Matrix | Vector) -> Matrix:
         rows = np.asarray(q, dtype=float)
@@ -133,7 +137,15 @@ class Compensation:
             raise ShapeMismatch(f"expected positions of the joints {', '.join(self.joints)}, found shape {np.shape(q)}")
         return rows
 
-    def _masses(self, payload: float | Vector | None, n: int) -> Vector | None:
+    def _directions(self, approach: Matrix | Vector | None, rows: Matrix) -> Matrix | None:
+        if approach is None:
+            return None
+        directions = self._checked(approach)
+        if directions.shape != rows.shape:
+            raise ShapeMismatch(f"expected the last moves of {len(rows)} configurations, found {len(directions)}")
+        return np.sign(directions)
+
+    def _masses(self, payload: Payload, n: int) -> Vector | None:
         if payload is None:
             return None
         masses = np.asarray(payload, dtype=float)
@@ -141,9 +153,9 @@ class Compensation:
             raise ShapeMismatch(f"expected one payload, or {n}; found shape {masses.shape}")
         return np.broadcast_to(masses, (n,))
 
-    def _deflection(self, q: Matrix, payload: Vector | None) -> Matrix:
+    def _deflection(self, q: Matrix, payload: Vector | None, approach: Matrix | None) -> Matrix:
         """What has to be added to the readings, (n, joints)."""
-        angles = self.softness.basis(q, payload) * self._values
+        angles = self.softness.basis(q, payload, approach) * self._values
         own = angles @ self._own_joints
         if not self._twisting:
             return own

@@ -55,8 +55,14 @@ def error_table(here: Linearisation, poses: int) -> SpotTable:
     }
 
 
+def main_unit(table: SpotTable) -> str:
+    """`mm`, or the first row's unit where nothing is in mm."""
+    units = [row.unit for row in table.values()]
+    return units[0] if units and "mm" not in units else "mm"
+
+
 def rms_mm(table: SpotTable) -> float:
-    """Root mean square of the distances in mm, over all lasers or targets; of those in their own unit where there are none in mm."""
-    rows = [row for row in table.values() if row.unit == "mm"] or list(table.values())
+    """Root mean square of the distances over all lasers or targets, in the main unit."""
+    rows = [row for row in table.values() if row.unit == main_unit(table)]
     count = sum(row.n for row in rows)
     return float(np.sqrt(sum(row.n * (row.mean**2 + row.std**2) for row in rows) / max(count, 1)))

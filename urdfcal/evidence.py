@@ -88,7 +88,7 @@ def by_evidence(
     found, scales, chosen = first, dict(starts), replace(first.noise, stated=noise.stated)
     for _ in range(_ROUNDS):
         before = np.array([*scales.values(), *chosen.sigma])
-        scales, chosen = _chosen(linearise, errors, groups, chosen, found.belief.x, scales)
+        scales, chosen = _chosen(linearise, errors, groups, chosen, noise.sigma, found.belief.x, scales)
         errors = _with_scales(errors, groups, scales)
         prior = Belief.independent(errors.mean, errors.sigma)
         found = iterated_schedule(linearise, prior, replace(chosen, stated=True), start=found.belief.x)
@@ -122,13 +122,14 @@ def _with_scales(errors: ErrorModel, groups: Sequence[str], scales: dict[str, fl
 
 
 def _chosen(
-    linearise: Linearise, errors: ErrorModel, groups: Sequence[str], noise: Noise, x: Vector, scales: dict[str, float]
+    linearise: Linearise, errors: ErrorModel, groups: Sequence[str], noise: Noise, usual: Vector, x: Vector, scales: dict[str, float]
 ) -> tuple[dict[str, float], Noise]:
-    """MacKay's fixed point at one linearisation."""
+    """MacKay's fixed point at one linearisation; noise of which the data tell too little is no larger than usual, (kinds,)."""
     sums = _sums(linearise, noise, x, errors.mean)
     members = {group: np.array([own == group for own in groups]) for group in scales}
     A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
+    most = np.append(usual / noise.sigma, 1.0)
     fixed = np.append(noise.stated, True) | (np.array([each.count for each in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
         sigma = np.array([scales[group] if group else parameter.sigma for group, parameter in zip(groups, errors.parameters, strict=True)])
@@ -139,7 +140,7 @@ def _chosen(
         for group, own in members.items():
             if own.any():
                 scales[group] = _scale(dx[own], decided[own], (START_SCALES | SAG_SCALES)[group])
-        own_factors = np.array([each.factor(dx, P, size) for each, size in zip(sums, factor, strict=True)])
+        own_factors = np.array([each.factor(dx, P, size, limit) for each, size, limit in zip(sums, factor, most, strict=True)])
         factor = np.asarray(np.where(fixed, factor, own_factors))
         if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:
             break
@@ -155,11 +156,14 @@ class _Sums:
     c: float
     count: float
 
-    def factor(self, dx: Vector, P: Matrix, size: float) -> float:
-        """How many times larger its noise is, by the misfit over its degrees of freedom."""
+    def factor(self, dx: Vector, P: Matrix, size: float, most: float) -> float:
+        """How many times larger its noise is, by the misfit over its degrees of freedom.
+
+        Too few of them do not tell. Then it may be what narrower priors made of it, and is held to what is usual.
+        """
         freedom = self.count - float(np.sum(P * self.A)) / size**2
-        if freedom < LEAST_FREEDOM:  # too few to tell
-            return size
+        if freedom < LEAST_FREEDOM:
+            return min(size, most)
         misfit = float(self.c - 2 * self.b @ dx + dx @ self.A @ dx)
         return float(np.sqrt(max(misfit, 1e-12 * self.c) / freedom))
 

@@ -14,7 +14,7 @@ from urdfcal.error_model import FLAT, ErrorModel
 from urdfcal.error_table import SpotTable, rms_mm
 from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
-from urdfcal.geometry import DEG, Matrix, Vector
+from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
 from urdfcal.misfit import Misfit, misfit_words
@@ -24,7 +24,7 @@ from urdfcal.robot import Robot
 from urdfcal.robust import Outlier
 from urdfcal.spot_model import SpotModel, kinds_of
 
-_MOST_TURN = 60 * DEG  # joint errors beyond are a mistake somewhere
+_MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere
 _MOST_WANDER = 1 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
@@ -117,8 +117,8 @@ class FitResult:
         """Why the result must not be trusted, or the empty string."""
         if not self.converged:
             return f"the fit did not converge: {self.stop_reason}"
-        if self._turned:
-            return f"{self._turned}, and no robot is made so; check the URDF, the joints' units and signs, and the axes that were measured"
+        if self._moved:
+            return f"{self._moved}, and no robot is made so; check the URDF, units and signs of joints and readings, and the axes measured"
         if self._scattered:
             return self._scattered
         before, after = rms_mm(self.before), rms_mm(self.after)
@@ -143,16 +143,16 @@ class FitResult:
         return kinds_of(self.data)
 
     @property
-    def _turned(self) -> str:
-        """A joint that the fit turns by an angle that no robot is wrong by, unless its prior is flat."""
+    def _moved(self) -> str:
+        """A joint that the fit puts where no robot has it, unless its prior is flat; where a slide begins may be anywhere."""
+        slides = tuple(f"{joint.name}." for joint in self.robot.chain.inputs if joint.prismatic)
         for parameter, value in zip(self.errors.parameters, self.x.tolist(), strict=True):
-            if (
-                parameter.kind == "joint"
-                and parameter.unit == "rad"
-                and parameter.sigma < FLAT
-                and abs(value - parameter.mean) > _MOST_TURN
-            ):
-                return f"the fit turns {parameter.name} by {value / DEG:.0f} deg"
+            turns, off = parameter.unit == "rad", abs(value - parameter.mean)
+            if parameter.kind != "joint" or parameter.sigma >= FLAT or (parameter.name.startswith(slides) and not turns):
+                continue
+            if off > (_MOST_TURN if turns else _MOST_SHIFT):
+                by = f"{value / DEG:.0f} deg" if turns else f"{value / MM:.0f} mm"
+                return f"the fit {'turns' if turns else 'shifts'} {parameter.name} by {by}"
         return ""
 
     @property

@@ -14,7 +14,7 @@ from urdfcal.error_table import error_table
 from urdfcal.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
 from urdfcal.fit_result import FitResult
 from urdfcal.fit_start import begin, explains, require_beams_on_screen, require_sane_readings
-from urdfcal.fit_warnings import disagreement, few_spots, large_scales
+from urdfcal.fit_warnings import disagreement, few_spots, large_noise, large_scales
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.identifiability import Identifiability, identify, with_sigmas
@@ -127,7 +127,7 @@ class FitTask:
             ),
             misfits=dict(zip(kinds_of(data), _misfits(self.method, found.noise, here, plain), strict=True)),
         )
-        return replace(result, warnings=(*result.warnings, *disagreement(result)))
+        return replace(result, warnings=(*result.warnings, *disagreement(result), *large_noise(result)))
 
 
 class _First:

@@ -8,13 +8,27 @@ from urdfcal.fit_result import FitResult
 from urdfcal.geometry import MM
 from urdfcal.measurements import Measurements
 from urdfcal.noise import LEAST_FREEDOM, Noise
+from urdfcal.reading_kinds import KINDS, start_sigma_of
 
+_LARGE = 10.0  # times the usual noise, beyond which it is no noise
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
 
 
 def disagreement(found: FitResult) -> tuple[str, ...]:
     """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
     return tuple(f"{words}; leave the noise out to have it estimated" for words in found.disagreements)
+
+
+def large_noise(found: FitResult) -> tuple[str, ...]:
+    """Noise that was estimated far beyond what is usual: something is wrong with the data, or the model cannot follow."""
+    warnings = []
+    for kind, sigma, stated in zip(found.kinds, found.estimate.noise.sigma.tolist(), found.estimate.noise.stated, strict=True):
+        if not stated and sigma > _LARGE * start_sigma_of(kind):
+            warnings.append(
+                f"the {KINDS[kind].several} scatter by {KINDS[kind].told(sigma)} after the fit, far more than is usual; look for rows, "
+                "columns or units that do not belong together, and for what the URDF lacks"
+            )
+    return tuple(warnings)
 
 
 def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ...]:

@@ -30,17 +30,17 @@ def stated_noise(data: Measurements, spot_sigma: float | None, sigmas: Mapping[s
 
 
 def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector) -> Noise:
-    """Noise of every kind of measurement: as known by kind, stated with the measurements, or where its estimation starts."""
+    """Noise of every kind of measurement: stated with the measurements, known by kind, or where its estimation starts."""
     sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
     for kind, name in enumerate(kinds_of(data)):
         of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
         own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
-        if name in known:
-            sigma[kind], stated[kind] = known[name], True
-        elif not len(own):  # nothing to estimate it from, and nothing that it matters to
+        if not len(own):  # nothing to estimate it from, and nothing that it matters to
             stated[kind] = True
         elif np.isfinite(own).all():
             sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
+        elif name in known:
+            sigma[kind], stated[kind] = known[name], True
     return Noise(sigma, joint_sigma, stated)
 
 

@@ -19,6 +19,7 @@ from urdfcal.spot_model import SpotModel
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
 SCHEDULES = ("iterated", "paper")
+USUAL_Q, USUAL_R = 1e-4, 1e-4
 _NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
 
 
@@ -42,8 +43,8 @@ class Method:
     schedule: str = "iterated"
     tolerance: float | None = None
     max_sweeps: int | None = None
-    q: float = 1e-4
-    r: float = 1e-4
+    q: float = USUAL_Q
+    r: float = USUAL_R
     gated: bool = True
     rng: np.random.Generator | None = None
     start: Vector | None = None
@@ -53,6 +54,12 @@ class Method:
             raise UsageError(f"no estimator '{self.estimator}'; there are: {', '.join(ESTIMATORS)}")
         if self.schedule not in SCHEDULES:
             raise UsageError(f"no schedule '{self.schedule}'; there are: {', '.join(SCHEDULES)}")
+        if self.estimator != "ekf" and self.schedule == "paper":
+            raise UsageError(f"the schedule 'paper' is the EKF's; the estimator '{self.estimator}' has none")
+        if not self.as_published and (self.q, self.r) != (USUAL_Q, USUAL_R):
+            raise UsageError("process and measurement noise (q, r) belong to the schedule 'paper' alone; state spot_sigma elsewhere")
+        if self.estimator == "robust" and self.limits():
+            raise UsageError("the robust estimator takes no tolerance and no number of sweeps")
         if not (self.q >= 0 and self.r > 0):
             raise UsageError(f"Q must not be negative and R must be above zero, found q = {self.q:g} and r = {self.r:g}")
 

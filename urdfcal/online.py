@@ -18,17 +18,19 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.calibration import Calibration, fit
-from urdfcal.ekf import Belief, iterated_schedule, update
+from urdfcal.ekf import Belief, Estimate, iterated_schedule, update
 from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.frame_jacobian import CHUNK
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Matrix, Vector
 from urdfcal.known_noise import joint_sigmas
 from urdfcal.measurements import Measurements, measurements_from
+from urdfcal.misfit import Misfit, misfits
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.robot import Robot
+from urdfcal.scatter import MORE, extra_noise, stating_kinds, widened
 from urdfcal.simulation import draw_poses, joint_limits
 from urdfcal.spot_model import model_for
 
@@ -57,7 +59,9 @@ class OnlineState:
         tool_sigma_mm: Predicted position error of the tool relative to the base link (see `prediction`): RMS over the workspace, [mm].
         tool_sigma_max_mm: The same at the worst configuration of the workspace, [mm].
         tool_sigma_mrad: Predicted rotation error of the tool, RMS over the workspace, [mrad].
-        enough: Whether tool_sigma_mm is under the target, and the noise it rests on is known.
+        extra_noise_mm: What spots scatter beyond the noise that was stated with them, [mm].
+        misfit: Chi-squared of the history where it was linearised last; None before.
+        enough: Whether tool_sigma_mm is under the target, and the noise it rests on is known and no smaller than it is seen to be.
     """
 
     poses: int
@@ -71,6 +75,8 @@ class OnlineState:
     tool_sigma_mm: float
     tool_sigma_max_mm: float
     tool_sigma_mrad: float
+    extra_noise_mm: float
+    misfit: Misfit | None
     enough: bool
 
     @property
@@ -140,6 +146,8 @@ class OnlineCalibrator:
         self._views = self._poses_on_screen(rng)
         self._prior = Belief.independent(self.errors.mean, self.errors.sigma)
         self._history = _History(robot)
+        self._extra: dict[str, float] = {}
+        self._misfit: Misfit | None = None
         noise = Noise(spot_sigma or start_sigma_of("spot"), joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
         self._mark(self._prior.x)
         self.state = self._state(self._prior, noise)
@@ -157,7 +165,7 @@ class OnlineCalibrator:
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
         """
         pose = _one_pose(self.robot, q, spots, sigma, self._history.taken + 1)
-        here = model_for(self.errors, pose, self.state.noise).linearise(self.state.x)
+        here = model_for(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
         self._history.taken += 1
         if not here.usable:
             return self._refuse(pose)
@@ -210,13 +218,25 @@ class OnlineCalibrator:
 
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
-        model = model_for(self.errors, self.measurements(), noise)
-        held = noise.all_stated or self._freedom(belief) < _FREEDOM
-        found = iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
+        data = self.measurements()
+        found = self._batch(data, belief, noise)
+        if found.converged and stating_kinds(data) and (self._extra or self._misfit_of(data, found).sigmas > MORE):
+            fitted = model_for(self.errors, widened(data, self._extra), found.noise)
+            self._extra = extra_noise(fitted, found.belief.x, found.noise, data, ["spot"])
+            found = self._batch(data, found.belief, noise)
         if not found.converged:
             return None
+        self._misfit = self._misfit_of(data, found)
         self._mark(found.belief.x)
         return found.belief, replace(found.noise, stated=noise.stated)
+
+    def _batch(self, data: Measurements, belief: Belief, noise: Noise) -> Estimate:
+        model, held = model_for(self.errors, widened(data, self._extra), noise), noise.all_stated or self._freedom(belief) < _FREEDOM
+        return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
+
+    def _misfit_of(self, data: Measurements, found: Estimate) -> Misfit:
+        here = model_for(self.errors, widened(data, self._extra), found.noise).linearise(found.belief.x)
+        return misfits(here, found.noise, found.belief.P)[0]
 
     def _freedom(self, belief: Belief) -> float:
         """Measurements less the parameters that they decide."""
@@ -238,6 +258,7 @@ class OnlineCalibrator:
         position, rotation, spot = variance[: 3 * n], variance[3 * n : 6 * n], variance[6 * n :]
         tool = float(np.sqrt(position.sum() / n)) / MM
         known = noise.all_stated or self._freedom(belief) >= _FREEDOM
+        honest = self._misfit is None or not self._misfit.odd or self._misfit.chi_squared < 1
         return OnlineState(
             poses=len(self._history),
             belief=belief,
@@ -250,7 +271,9 @@ class OnlineCalibrator:
             tool_sigma_mm=tool,
             tool_sigma_max_mm=float(np.sqrt(position.reshape(n, 3).sum(axis=1).max())) / MM,
             tool_sigma_mrad=float(np.sqrt(rotation.sum() / n)) * 1e3,
-            enough=self.target_mm is not None and known and tool < self.target_mm,
+            extra_noise_mm=self._extra.get("spot", 0.0) / MM,
+            misfit=self._misfit,
+            enough=self.target_mm is not None and known and honest and tool < self.target_mm,
         )
 
     def _poses_on_screen(self, rng: np.random.Generator) -> Matrix:

@@ -27,6 +27,7 @@ from urdfcal.start import INCREDIBLE, MOST_JOINT_TURN
 
 _TOLD_APART = 4.0  # what asks hardly more of the joints' priors than the mistake that is named, chi-squared, is named beside it
 _PLAUSIBLE = 10.0  # [times the usual noise] what may be left over without a second look
+_STILL = 1e-6  # of a circle
 _QUICK = 4  # sweeps that place the instruments for every hypothesis
 _POSES = 200  # enough to tell a mistake from none
 
@@ -76,13 +77,15 @@ class _Trial:
         model: Of some of them; None where instruments cannot be placed.
         x: The state at which joints and mount are nominal, (p,).
         noise: As stated, or where its estimation starts.
-        left: What the nominal robot leaves over.
+        shrunk: How many times less the joints turn: an arm that hardly moves leaves little over of anything, and explains nothing.
+        left: What the nominal robot leaves over, times that.
     """
 
     undone: str
     model: SpotModel | None
     x: Vector
     noise: Noise
+    shrunk: float
     left: float
 
     def judged(self) -> Judged:
@@ -95,17 +98,25 @@ class _Trial:
         of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
-        return Judged(self.undone, _left_over(self.model, x, self.noise), lambda _: pull, not np.any(turns > MOST_JOINT_TURN))
+        left = self.shrunk * _left_over(self.model, x, self.noise)
+        return Judged(self.undone, left, lambda _: pull, not np.any(turns > MOST_JOINT_TURN))
 
 
 def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistake) -> _Trial:
-    some = _some_poses(mistake.change(data))
+    before, some = _some_poses(data), _some_poses(mistake.change(data))
+    shrunk = max(_turning(errors, before) / max(_turning(errors, some), _STILL), 1.0)
     try:
         nominal = nominal_fit(errors, some, noise, _QUICK)
     except FitRejected:  # a camera that no place suits
-        return _Trial(mistake.undone, None, errors.mean, noise, np.inf)
+        return _Trial(mistake.undone, None, errors.mean, noise, shrunk, np.inf)
     model = model_for(nominal.errors, some, noise)
-    return _Trial(mistake.undone, model, nominal.x, noise, _left_over(model, nominal.x, noise))
+    return _Trial(mistake.undone, model, nominal.x, noise, shrunk, shrunk * _left_over(model, nominal.x, noise))
+
+
+def _turning(errors: ErrorModel, data: Measurements) -> float:
+    """How much of a circle the turning joints see: 0 for joints at rest, 1 for all directions alike."""
+    turning = [index for index, joint in enumerate(errors.chain.inputs) if not joint.prismatic]
+    return float(np.sqrt(np.mean(1 - np.abs(np.exp(1j * data.q[:, turning]).mean(axis=0)) ** 2))) if turning else 1.0
 
 
 def _left_over(model: SpotModel, x: Vector, noise: Noise) -> float:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from urdfcal.compensation import Compensation, compensation_files, in_memory
 from urdfcal.ekf import Belief, Estimate, Linearise, iterated_schedule
 from urdfcal.error_model import ErrorModel, with_softness
-from urdfcal.error_table import error_table, rms_mm
+from urdfcal.error_table import error_table, main_unit
 from urdfcal.evidence import by_evidence
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import Vector
@@ -27,7 +27,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.simulation import joint_limits
 from urdfcal.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, model_for
 from urdfcal.urdf_writer import with_origins
 
 LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
@@ -42,17 +42,21 @@ Rows = npt.NDArray[np.intp]
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Root mean square distances of poses that were not fitted, by cross-validation, [mm].
+    """Root mean square distances of poses that were not fitted, by cross-validation.
 
     Attributes:
-        geometry: With geometry alone.
+        geometry: With geometry alone, in `unit`.
         sag: With geometry and sag.
         folds: How many there were.
+        unit: `mm`, or `deg` or `px` where no length was read.
+        weighed: What is left with sag of the residuals of all kinds of readings, each in units of its own noise.
     """
 
     geometry: float
     sag: float
     folds: int
+    unit: str
+    weighed: float
 
     @property
     def ratio(self) -> float:
@@ -71,7 +75,8 @@ class SagFit:
         gravity: Where down is, and what is carried.
         gain: Of log evidence over geometry alone.
         held_out: What it gains on poses that were not fitted; None if that was not asked for.
-        dropped: Terms on request that did not earn their place.
+        kept: Terms on request that earned their place.
+        dropped: Those that did not.
         warnings: What the user ought to know.
     """
 
@@ -81,6 +86,7 @@ class SagFit:
     gravity: Gravity
     gain: float
     held_out: HeldOut | None
+    kept: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
@@ -140,18 +146,18 @@ def fit_sag(
     if not terms:
         return None
     whole = setup.fit(terms, gravity)
-    dropped: list[str] = []
+    kept: list[str] = []
     for extra in (name for name in EXTRAS if name in extras):
         tried = setup.fit((*whole.terms, *extra_terms(setup.chain, [extra])), gravity, whole)
         if tried.log_evidence > whole.log_evidence + LEAST_GAIN:
             whole = tried
-        else:
-            dropped.append(extra)
+            kept.append(extra)
     alone = setup.alone()
     held_out = setup.held_out(alone, whole, folds, rng) if folds else None
     warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
     gain = whole.log_evidence - alone.log_evidence
-    return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(dropped), warnings)
+    dropped = tuple(dict.fromkeys(extra for extra in extras if extra not in kept))
+    return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)
 
 
 @dataclass(frozen=True)
@@ -219,14 +225,12 @@ class _Setup:
         folds = min(folds, len(self.data))
         if folds < 2:
             return None
-        squares, counts = np.zeros(2), np.zeros(2)
+        noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
+        sums = np.zeros((2, 3))
         for rows in np.array_split(rng.permutation(len(self.data)), folds):
-            for column, fitted in enumerate((alone, whole)):
-                rms, count = _left_out(fitted, self.data, rows, self.joints)
-                squares[column] += count * rms**2
-                counts[column] += count
-        geometry, sag = np.sqrt(squares / np.maximum(counts, 1)).tolist()
-        return HeldOut(geometry, sag, folds)
+            sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
+        geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
+        return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
 
     def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
         """A warning if the data prefer another direction of gravity; one and its opposite differ in the signs of all deflections."""
@@ -296,10 +300,16 @@ def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) 
     return iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise, start=start)
 
 
-def _left_out(fitted: _Fitted, data: Measurements, rows: Rows, joints: bool) -> tuple[float, int]:
-    """RMS distance of some poses under a fit of all others, [mm], and how many distances there are; priors and noise as they are."""
+def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, unit: str) -> tuple[float, float, float]:
+    """Some poses under a fit of all others, priors and noise as they are.
+
+    Returns:
+        Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise.
+    """
     kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
     noise = replace(fitted.estimate.noise, stated=True)
-    found = _run(SpotModel(fitted.errors, kept, joints).linearise, fitted.errors, noise, fitted.estimate.belief.x)
-    table = error_table(SpotModel(fitted.errors, data.subset(rows)).linearise(found.belief.x), len(rows))
-    return rms_mm(table), sum(row.n for row in table.values() if row.unit == "mm")
+    found = _run(model_for(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
+    here = SpotModel(fitted.errors, data.subset(rows)).linearise(found.belief.x)
+    own = [row for row in error_table(here, len(rows)).values() if row.unit == unit]
+    weighed = (here.residual / usual.of_numbers(here))[: len(rows)][here.measured[: len(rows)]]
+    return sum(row.n * (row.mean**2 + row.std**2) for row in own), sum(row.n for row in own), float(weighed @ weighed)

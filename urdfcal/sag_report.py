@@ -65,7 +65,7 @@ def _twists_at_tool(sag: SagFit) -> Matrix:
 
 def worth_it(sag: SagFit) -> bool:
     """Whether a compensation would be worth its trouble: the data ask for it, and poses that were not fitted gain by it."""
-    return sag.gain > _WORTH_IT and (sag.held_out is None or sag.held_out.ratio < _NO_GAIN)
+    return sag.gain > _WORTH_IT and (sag.held_out is None or sag.held_out.weighed < _NO_GAIN)
 
 
 def sag_words(sag: SagFit) -> str:
@@ -75,10 +75,10 @@ def sag_words(sag: SagFit) -> str:
     head = f"gravity along ({direction}) of '{sag.calibration.robot.tree.root}', {kind}"
     if sag.held_out is None:
         return f"{head}: log evidence {sag.gain:+.0f}"
-    left = sag.held_out
+    left, what = sag.held_out, " and ".join(("sag", *sag.kept))
     return (
-        f"{head}: held-out poses ({left.folds}-fold) {left.geometry:.3g} mm RMS with geometry alone, {left.sag:.3g} mm with sag "
-        f"({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
+        f"{head}: held-out poses ({left.folds}-fold) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
+        f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
     )
 
 
@@ -92,6 +92,8 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
     blocks: list[RenderableType] = ["", f"Sag: {sag_words(sag)}"]
     if sag.dropped:
         blocks.append(f"left out, since the data do not ask for it: {', '.join(sag.dropped)}")
+    if "approach" in sag.kept:
+        blocks.append("what the approach explains can be made up for only where control code tells each joint's last move (approach=...)")
     if not worth_it(sag):
         blocks.append("  not worth a compensation" + (", which was written all the same" if written else ""))
         if not written:
@@ -113,10 +115,11 @@ def sag_json(sag: SagFit) -> dict[str, Any]:
         "payloads_kg": dict(sag.gravity.payloads),
         "masses": "generic" if sag.softness.weighed.generic else "urdf",
         "log_evidence_gain": sag.gain,
-        "held_out": None if held is None else {"geometry_mm": held.geometry, "sag_mm": held.sag, "folds": held.folds},
+        "held_out": None if held is None else {f"geometry_{held.unit}": held.geometry, f"sag_{held.unit}": held.sag, "folds": held.folds},
         "parameters": [{"name": name, "value": value, "sigma": sigma, "unit": "rad"} for name, (value, sigma) in sag.soft_values.items()],
         "deflections": [{"joint": each.joint, "mrad": each.mrad, "tool_mm": each.tool_mm} for each in deflections(sag)],
         "worth_it": worth_it(sag),
+        "kept": list(sag.kept),
         "dropped": list(sag.dropped),
         "warnings": list(sag.warnings),
     }

@@ -21,9 +21,9 @@ from urdfcal.method import posterior
 from urdfcal.misfit import leverages
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.reading_kinds import KINDS
-from urdfcal.spot_model import SpotModel, kinds_of, model_for
+from urdfcal.spot_model import SpotModel, kinds_of
 
-_MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
+MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
 _STILL = 1e-9  # share of s^2
 _ROUNDS = 20
 _SAME = 0.01  # share of s by which it may be off
@@ -43,22 +43,23 @@ def without_stated_noise(data: Measurements) -> Measurements:
 
 def scattering(found: FitResult) -> list[str]:
     """Kinds of readings that seem to scatter more than they state."""
-    return [kind for kind in stating_kinds(found.data) if found.misfits[kind].sigmas > _MORE]
+    return [kind for kind in stating_kinds(found.data) if found.misfits[kind].sigmas > MORE]
 
 
-def extra_noise(found: FitResult, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+def extra_noise(fitted: SpotModel, x: Vector, noise: Noise, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
     """What has to be added to the stated noise, by kind, [m], [rad] or [px]: the s that makes chi-squared its degrees of freedom.
 
     Both change with s, since precise readings draw the fit more. So in turn: residuals and leverages of the linearised fit with the
     present s, and the s that suits them.
 
     Args:
-        found: A fit of these measurements, from where they are linearised; what it left out as outliers does not count.
+        fitted: Model of what was fitted, without outliers.
+        x: Where it is linearised, (p,).
+        noise: Of the joints, and of readings that state none.
         data: The measurements with what they state.
         kinds: Kinds that scatter more than they state.
     """
-    noise, errors = found.estimate.noise, found.errors
-    here = model_for(errors, found.data, noise).linearise(found.x)
+    here, errors = fitted.linearise(x), fitted.errors
     sigma, prior = SpotModel(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
     index = {kind: kinds_of(data).index(kind) for kind in kinds}
     extra = dict.fromkeys(kinds, 0.0)
@@ -66,7 +67,7 @@ def extra_noise(found: FitResult, data: Measurements, kinds: Sequence[str]) -> d
     own = {kind: here.measured[: len(data)] & np.isfinite(variance) & (here.kinds == index[kind]) for kind in kinds}
     for _ in range(_ROUNDS):
         last, now = extra, _with_sigma(here, sigma, {index[kind]: s for kind, s in extra.items()})
-        squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, found.x))
+        squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, x))
         extra = {kind: _beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
         if all(abs(extra[kind] - last[kind]) <= _SAME * extra[kind] for kind in kinds):
             break

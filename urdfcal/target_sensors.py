@@ -152,7 +152,7 @@ class SocketSensor:
 
     numbers: ClassVar[int] = 3
     unit: ClassVar[str] = "mm"
-    title: ClassVar[str] = ""
+    title: ClassVar[str] = "socket"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the protocol."""

@@ -19,6 +19,7 @@ from urdfcal.commands.inputs import (
     measured,
     positive,
     priors_of,
+    require_lasers_for,
     require_places,
     rig_file_of,
     sensor_noise,
@@ -109,7 +110,8 @@ def fit(
         str | None, typer.Option(metavar="LINK", help="Predict how far off this link still is, over the workspace.", show_default=False)
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json.", show_default=False)
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json; repeatable.", show_default=False),
     ] = None,
     sag: Annotated[
         bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
@@ -173,7 +175,7 @@ def fit(
 
     rig_file = rig_file_of(rig)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
-    outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report, compensation)
+    outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     require_places(*outputs.places.values(), inputs=(robot, measurements, rig, test, ur_hash_from, camera))
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
@@ -183,6 +185,8 @@ def fit(
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, rng())
+    of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
+    require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {

@@ -28,19 +28,19 @@ class Outputs:
 
     Attributes:
         plan: Deployed formats and their places.
-        report: The report, if one is wanted.
+        reports: Those that are wanted.
         compensation: The compensation, if one is wanted; its URDF stands beside it.
     """
 
     plan: Deployment
-    report: Path | None = None
+    reports: tuple[Path, ...] = ()
     compensation: Path | None = None
 
     @property
     def places(self) -> dict[str, Path]:
         """Every file by what it is."""
         places = {**self.plan.places, "calibration": self.plan.main.parent / f"{self.plan.stem}_calibration.yaml"}
-        places |= {"report": self.report} if self.report else {}
+        places |= {f"report {number}" if number > 1 else "report": path for number, path in enumerate(self.reports, start=1)}
         return places | (
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
         )
@@ -53,8 +53,7 @@ class Outputs:
         """
         deployed, places = calibration.deployed(rng), self.places
         files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: calibration.record(sys.argv)}
-        if self.report is not None:
-            files[self.report] = report_bytes(self.report, calibration, sys.argv, sag)
+        files |= {report: report_bytes(report, calibration, sys.argv, sag) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
                 raise UsageError(
@@ -66,18 +65,23 @@ class Outputs:
 
 
 def planned(
-    formats: Sequence[str] | None, output: Path | None, stem: str, ur_hash_from: Path | None, report: Path | None, compensation: Path | None
+    formats: Sequence[str] | None,
+    output: Path | None,
+    stem: str,
+    ur_hash_from: Path | None,
+    reports: Sequence[Path],
+    compensation: Path | None,
 ) -> Outputs:
     """The files that the options ask for.
 
     Raises:
         UsageError: an ending or a format is none of ours.
     """
-    if report is not None:
+    for report in reports:
         require_report_ending(report)
     if compensation is not None and compensation.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
-    return Outputs(deployment(formats or (), output, stem, ur_hash_from), report, compensation)
+    return Outputs(deployment(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
 
 
 @dataclass(frozen=True)

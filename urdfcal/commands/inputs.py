@@ -74,10 +74,20 @@ def measured(
     reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
     if target is not None:
         robot.tree.require_link(target)
+    _require_boards(robot, rig)
     data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
     if rig is not None:
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
+    if target is not None and not (rig and rig.target) and target not in {each.link for each in data.readings}:
+        raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
+    if camera is not None and not any(each.kind == "pixel" for each in data.readings):
+        raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
     return as_measured(robot, data), data
+
+
+def _require_boards(robot: Robot, rig: RigFile | None) -> None:
+    for link in rig.grids() if rig is not None else ():
+        robot.tree.require_link(link)
 
 
 def _camera(path: Path | None) -> Any:
@@ -132,14 +142,33 @@ def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     return np.radians(degrees)
 
 
+def require_lasers_for(data: Measurements, **options: Any) -> None:
+    """Refuse options about laser spots where none are measured.
+
+    Args:
+        data: The measurements.
+        options: What was given, by the option's name with _ for -; None, or nothing in it, for what was not.
+
+    Raises:
+        UsageError: names the first of them.
+    """
+    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value]
+    if given and not data.lasers:
+        raise UsageError(f"{given[0]} is about laser spots, and these measurements have none")
+
+
 def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dict[str, float]:
     """Noise by kind of reading, [m], [rad] or [px], as far as it is stated; a rig.yaml may also tell of what these measurements lack.
 
     Raises:
         UsageError: noise of spots is asked for where there are none.
     """
+    import numpy as np
+
     from urdfcal.spot_model import kinds_of
 
+    if spot_mm is not None and data.seen.any() and np.isfinite(data.sigma[data.seen]).all():
+        raise UsageError(f"--spot-sigma-mm: every spot states its own noise in {data.lasers[0]}.sigma; leave out the option or the columns")
     if spot_mm is not None and not data.lasers:
         raise UsageError("--spot-sigma-mm: no laser spots are measured; state other noise in rig.yaml (noise: {point_mm: 0.1}) or columns")
     stated = rig.noise.by_kind()
@@ -182,8 +211,9 @@ def listed(paths: Iterable[str | Path]) -> str:
 
 def about(robot: Robot) -> str:
     """A robot in one line."""
-    names = ", ".join(step.joint.name for step in robot.chain.moving)
-    return f"{robot.name}: moving joints {names} between '{robot.rig.screen}' and '{robot.rig.module}' with {', '.join(robot.rig.lasers)}"
+    from urdfcal.instrument_report import rig_in_words
+
+    return f"{robot.name}: moving joints {', '.join(step.joint.name for step in robot.chain.moving)}; {rig_in_words(robot)}"
 
 
 def expanded_note(robot: Robot) -> str:

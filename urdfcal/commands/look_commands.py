@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import say, show, warn
-from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, sensor_noise
+from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, require_lasers_for, rig_file_of, sensor_noise
 from urdfcal.commands.options import (
     CameraOption,
     DataFile,
@@ -113,6 +113,8 @@ def check(
     rig_file = rig_file_of(rig)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
+    of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
+    require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(
