@@ -95,7 +95,7 @@ def test_a_fit_with_a_length_finds_the_size_of_the_arm_and_one_without_keeps_it(
     found = [np.linalg.norm(place(each, "socket:3") - place(each, "socket:4")) for each in (free, known)]
     assert abs(found[0] - true) > 0.5 * MM
     assert abs(found[1] - true) < 0.3 * MM
-    assert known.after["tool0:ball"].mean == pytest.approx(free.after["tool0:ball"].mean, rel=0.01)
+    assert known.after["tool0:ball socket"].mean == pytest.approx(free.after["tool0:ball socket"].mean, rel=0.01)
 
 
 def place(found: Calibration, name: str) -> np.ndarray:

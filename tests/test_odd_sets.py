@@ -43,7 +43,7 @@ def test_a_session_without_points_shares_the_targets(robots: dict[str, Robot], r
     data = replace(data, sessions=np.repeat(["a", "b"], 30))
     found = fit(robot, changed(data, "point", lambda each: each.without(data.sessions == "b")), gated=False)
     assert found.converged
-    assert found.after["tool0:ball"].mean < 3 * NOISE.length / MM
+    assert found.after["tool0:ball socket"].mean < 3 * NOISE.length / MM
 
 
 def test_a_plane_keeps_its_axes_for_test_poses(robots: dict[str, Robot], rng: np.random.Generator) -> None:

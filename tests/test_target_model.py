@@ -189,7 +189,7 @@ def test_blocks_name_what_was_measured(robots: dict[str, Robot], rng: np.random.
         ("wrist_1_link orientation", 3, "orientation", "deg"),
         ("slm:bar distance", 1, "distance", "mm"),
         ("tool0:probe plane", 1, "plane", "mm"),
-        ("tool0:ball", 3, "socket", "mm"),
+        ("tool0:ball socket", 3, "socket", "mm"),
     ]
     columns = np.concatenate([np.arange(block.columns.start, block.columns.stop) for block in spots.blocks])
     np.testing.assert_array_equal(columns, np.arange(spots.measured.shape[1]))

@@ -11,8 +11,9 @@ from urdfcal.ekf import Belief
 from urdfcal.error_model import ErrorModel
 from urdfcal.gauge import build_error_model
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers, observations_of, without_gross_outliers
+from urdfcal.method import Method, observations_of
 from urdfcal.noise import Noise
+from urdfcal.outliers import CleanFit, fit_without_outliers, without_gross_outliers
 from urdfcal.robot import Robot
 from urdfcal.robust import beyond_belief
 from urdfcal.simulation import SimulatedNoise, draw_poses, simulate

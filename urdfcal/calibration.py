@@ -24,8 +24,9 @@ from urdfcal.gauge import ModelOptions, laid_over
 from urdfcal.geometry import Vector
 from urdfcal.known_noise import joint_sigmas, stated_noise
 from urdfcal.measurements import Measurements
-from urdfcal.method import USUAL_Q, USUAL_R, Method, without_gross_outliers
+from urdfcal.method import USUAL_Q, USUAL_R, Method
 from urdfcal.nominal import with_new_places
+from urdfcal.outliers import without_gross_outliers
 from urdfcal.pixel_start import require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from

@@ -19,9 +19,9 @@ from urdfcal.identifiability import Identifiability
 from urdfcal.measurements import Measurements
 from urdfcal.misfit import Misfit, misfit_words
 from urdfcal.nominal import NominalFit
+from urdfcal.outliers import Outlier
 from urdfcal.reading_kinds import KINDS
 from urdfcal.robot import Robot
-from urdfcal.robust import Outlier
 from urdfcal.spot_model import SpotModel, kinds_of
 
 _MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere

@@ -20,11 +20,12 @@ from urdfcal.geometry import Matrix, Vector
 from urdfcal.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.known_noise import noise_of
 from urdfcal.measurements import Measurements
-from urdfcal.method import CleanFit, Method, fit_without_outliers, posterior
+from urdfcal.method import Method, posterior
 from urdfcal.misfit import Misfit, misfits
 from urdfcal.model_warnings import model_warnings
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import NominalFit, nominal_fit
+from urdfcal.outliers import CleanFit, fit_without_outliers
 from urdfcal.pixel_start import in_pixels, start_of_pixels
 from urdfcal.robot import Robot
 from urdfcal.robust import degrees, kind_scales, robust_scale, squared_distances

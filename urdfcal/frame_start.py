@@ -1,15 +1,7 @@
-"""Where measuring frames stand, where targets sit on their links, and where shared places are: found from nothing, with the nominal joints.
+"""Where measuring frames stand, where targets sit on their links, and where shared places are: found from nothing.
 
-With B_i the nominal placement of a target's link in the reference link, Y that of the measuring frame, X the target's offset on its
-link and A_i what was measured, every pose says Y A_i = B_i X.
-
-- Whole poses: rotations first, R_Y R_Ai = R_Bi R_X, linear in the 18 numbers of both matrices (the null vector, projected to SO(3));
-  then R_Y a_i + y = R_Bi x + b_i, linear in y and x (robot-world and hand-eye calibration: Shah, J. Mechanisms Robotics 5, 2013).
-- Points: R_Y and y by Umeyama (PAMI 13, 1991) for a given x, then y and x linear for a given R_Y, in turn, from several x.
-- Pixels: the camera's pose from the rays of points that sit at their links' origins, for a start (SQPnP: Terzakis and Lourakis, ECCV 2020).
-- Sockets: R_i x + b_i = s, linear in x and every s.
-- Planes: the plane of least squares through the points.
-- Wires: |b_i - c|^2 = L_i^2, linear in c and |c|^2.
+The joints are taken to be nominal; each frame, offset and place then follows from what was measured of it (`closed_form.py`). Targets
+that tell most come first, and what needs a frame that another target gives comes after.
 """
 
 from __future__ import annotations
@@ -21,11 +13,21 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from urdfcal.closed_form import (
+    camera_before,
+    common_point,
+    nearest_rotation,
+    plane_through,
+    point_and_frame,
+    robot_world_hand_eye,
+    umeyama,
+    wire_end,
+)
 from urdfcal.error_model import DEFAULT_PRIORS, INSTRUMENTS, ErrorModel, PriorScale
-from urdfcal.errors import FitRejected, UsageError
+from urdfcal.errors import UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.geometry import SE3, Array3, Matrix, Vector
-from urdfcal.measurements import Mask, Measurements
+from urdfcal.measurements import Labels, Mask, Measurements
 from urdfcal.readings import Readings
 from urdfcal.slots import Slot
 from urdfcal.target_model import seen_motion
@@ -33,9 +35,6 @@ from urdfcal.target_sensors import matrices
 
 Rows = npt.NDArray[np.intp]
 
-_OFFSETS = 0.3 * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])  # [m] where a point may sit on its link, to begin with
-_FIRST_ROUNDS, _ROUNDS = 10, 60  # from each of them, and from where the best of them led
-_STILL = 1e-9  # [m]
 _LEAST_POINTS, _LEAST_PIXELS = 3, 4
 
 
@@ -139,7 +138,7 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
         else:
             axes = None
         for session in errors.sessions:
-            rows = np.flatnonzero(whole & ((data.sessions == session) | (len(errors.sessions) == 1)))
+            rows = np.flatnonzero(whole & (_of_session(errors, data.sessions, session)))
             if len(rows) >= _LEAST_POINTS:
                 R, b = _nominal(errors, data.q[rows], target, session)
                 yield _Seen(target, session, R, b, points[rows], None if axes is None else matrices(axes.values[rows]))
@@ -156,7 +155,7 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
         seen = np.array([each.seen for each in corners]).reshape(len(corners), len(data))
         grid_points = np.array([grid.at(int(each.target.partition(":")[2])) for each in corners])
         for session in errors.sessions:
-            own = (data.sessions == session) | (len(errors.sessions) == 1)
+            own = _of_session(errors, data.sessions, session)
             rows, placements = [], []
             for pose in np.flatnonzero(own & (seen.sum(axis=0) >= _LEAST_PIXELS)):
                 rays = data.camera.rays(np.array([each.values[pose] for each, there in zip(corners, seen[:, pose], strict=True) if there]))
@@ -171,6 +170,11 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
                 b = b - R @ grid_points[0]  # of the link, not of the corner
                 a, A = np.array([each.translation for each in placements]), np.array([each.rotation for each in placements])
                 yield _Seen(board, session, R, b, a, A)
+
+
+def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
+    """Which poses belong to a session; all of them where there is only one."""
+    return np.asarray((sessions == session) | (len(errors.sessions) == 1))
 
 
 def _points_of(kinds: Mapping[str, Readings], poses: int) -> Matrix:
@@ -225,101 +229,16 @@ def _frame(view: _Seen, X: SE3) -> SE3:
     return pin.SE3(R_Y, R_Y @ (np.where(read, left, 0.0).sum(axis=0) / np.maximum(read.sum(axis=0), 1)))
 
 
-def robot_world_hand_eye(R_B: Array3, b: Matrix, R_A: Array3, a: Matrix) -> tuple[SE3, SE3]:
-    """Y and X of Y A_i = B_i X, least squares in closed form.
-
-    Args:
-        R_B: Rotations of B_i, (n, 3, 3).
-        b: Translations of B_i, (n, 3), [m].
-        R_A: Rotations of A_i, (n, 3, 3).
-        a: Translations of A_i, (n, 3), [m]; nan where they were not read.
-    """
-    n, unit = len(b), np.eye(3)
-    by_y = np.einsum("jk,nlm->njmkl", unit, R_A).reshape(n * 9, 9)  # (R_Y R_A)_jm = R_Y,jl R_A,lm
-    by_x = np.einsum("njk,ml->njmkl", R_B, unit).reshape(n * 9, 9)  # (R_B R_X)_jm = R_B,jk R_X,km
-    _, _, rows = np.linalg.svd(np.linalg.qr(np.hstack([by_y, -by_x]), mode="r"))
-    Y, X = rows[-1].reshape(2, 3, 3)
-    sign = np.sign(np.linalg.det(Y) + np.linalg.det(X))
-    R_Y, R_X = nearest_rotation(sign * Y), nearest_rotation(sign * X)
-    y, x = _translations(R_B, b, a, R_Y)
-    return pin.SE3(R_Y, y), pin.SE3(R_X, x)
-
-
-def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
-    """Y and the offset x of a point, R_Y a_i + y = R_i x + b_i, from the best of several starts.
-
-    Args:
-        R: Axes of the link, (n, 3, 3).
-        b: Its origins, (n, 3), [m].
-        a: Measured points, (n, 3), [m].
-    """
-    first = [_in_turn(R, b, a, x, _FIRST_ROUNDS) for x in _OFFSETS]
-    _, Y, x = _in_turn(R, b, a, min(first, key=lambda found: found[0])[2], _ROUNDS)
-    return Y, x
-
-
-def _in_turn(R: Array3, b: Matrix, a: Matrix, x: Vector, rounds: int) -> tuple[float, SE3, Vector]:
-    """Rotation for a given offset, offset for a given rotation, and so on from x; what is left, Y, and x."""
-    for _ in range(rounds):
-        Y, last = umeyama(a, b + R @ x), x
-        y, x = _translations(R, b, a, Y.rotation)
-        if np.max(np.abs(x - last)) < _STILL:
-            break
-    left = a @ Y.rotation.T + y - (b + R @ x)
-    return float(np.sum(left**2)), pin.SE3(Y.rotation, y), x
-
-
-def _translations(R: Array3, b: Matrix, a: Matrix, R_Y: Matrix) -> tuple[Vector, Vector]:
-    """Y and x of R_Y a_i + y = R_i x + b_i by least squares in the measuring frame's axes; the shortest where the poses do not tell."""
-    left = (R_Y.T @ np.concatenate([np.broadcast_to(np.eye(3), R.shape), -R], axis=2)).reshape(-1, 6)
-    right = (b @ R_Y - a).ravel()
-    read = ~np.isnan(right)
-    both = np.linalg.lstsq(left[read], right[read], rcond=1e-9)[0]
-    return both[:3], both[3:]
-
-
-def umeyama(a: Matrix, b: Matrix) -> SE3:
-    """The rigid motion that brings points a (n, 3) nearest to points b (n, 3)."""
-    middle_a, middle_b = a.mean(axis=0), b.mean(axis=0)
-    R = nearest_rotation((b - middle_b).T @ (a - middle_a))
-    return pin.SE3(R, middle_b - R @ middle_a)
-
-
-def nearest_rotation(M: Matrix) -> Matrix:
-    """The rotation nearest to a matrix (3, 3)."""
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
-
-
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
     for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each) and each.link not in data.boards):
         for session in errors.sessions:
-            rows = np.flatnonzero(each.seen & ((data.sessions == session) | (len(errors.sessions) == 1)))
+            rows = np.flatnonzero(each.seen & (_of_session(errors, data.sessions, session)))
             if session in known.frames or len(rows) < _LEAST_PIXELS:
                 continue
             R, b = _nominal(errors, data.q[rows], each.target, session)
             offset = known.offsets.get(each.target, pin.SE3.Identity()).translation
             known.frames[session] = camera_before(b + R @ offset, data.camera.rays(each.values[rows]))
-
-
-def camera_before(points: Matrix, rays: Matrix) -> SE3:
-    """Placement of a camera that sees points (n, 3), [m], along unit rays (n, 3) in its own axes, z ahead; in the points' frame.
-
-    Raises:
-        FitRejected: there is no such place.
-    """
-    import cv2
-
-    good = rays[:, 2] > 0
-    seen, ahead = np.ascontiguousarray(points[good]), np.ascontiguousarray(rays[good, :2] / rays[good, 2:])
-    try:
-        found, turn, shift = cv2.solvePnP(seen, ahead, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
-    except cv2.error:  # too few points, or all of them at one place
-        found = False
-    if not found:
-        raise FitRejected("no place of the camera explains where its targets were seen; check the joints and the camera", forceable=False)
-    return pin.SE3(pin.exp3(turn.ravel()), shift.ravel()).inverse()
 
 
 def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
@@ -350,25 +269,10 @@ def _require_a_return(data: Measurements) -> None:
         )
 
 
-def common_point(R: Array3, b: Matrix, group: Rows) -> Vector:
-    """The point x on a link that lies at one place in all poses of a group: R_i x + b_i = s_group.
-
-    Args:
-        R: Axes of the link, (n, 3, 3).
-        b: Its origins, (n, 3), [m].
-        group: Index of each pose's place, (n,).
-    """
-    count = int(group.max()) + 1
-    mean_R = np.array([R[group == number].mean(axis=0) for number in range(count)])
-    mean_b = np.array([b[group == number].mean(axis=0) for number in range(count)])
-    left, right = (R - mean_R[group]).reshape(-1, 3), -(b - mean_b[group]).ravel()
-    return np.asarray(np.linalg.lstsq(left, right, rcond=1e-9)[0])
-
-
 def _per_session(errors: ErrorModel, data: Measurements, target: str, rows: Rows) -> tuple[Array3, Matrix]:
     R, b = np.empty((len(rows), 3, 3)), np.empty((len(rows), 3))
     for session in errors.sessions:
-        own: Mask = (data.sessions[rows] == session) | (len(errors.sessions) == 1)
+        own: Mask = _of_session(errors, data.sessions[rows], session)
         if own.any():
             R[own], b[own] = _nominal(errors, data.q[rows[own]], target, session)
     return R, b
@@ -420,16 +324,3 @@ def _require_touches(data: Measurements, poses: Vector, label: str) -> None:
 
 def _named(place: str, point: Sequence[float] | Vector) -> dict[str, float]:
     return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
-
-
-def plane_through(points: Matrix) -> tuple[Matrix, float]:
-    """Normal and two tangents of the plane of least squares through points (n, 3), as columns, and its offset n . p, [m]."""
-    middle = points.mean(axis=0)
-    _, _, rows = np.linalg.svd(points - middle)
-    return np.asarray(rows[[2, 0, 1]].T), float(rows[2] @ middle)
-
-
-def wire_end(points: Matrix, lengths: Vector) -> Vector:
-    """The point whose distances from points (n, 3) are the lengths (n,): |p|^2 - L^2 = 2 p . c - |c|^2, linear in c and |c|^2."""
-    left = np.column_stack([2 * points, -np.ones(len(points))])
-    return np.asarray(np.linalg.lstsq(left, np.sum(points**2, axis=1) - lengths**2, rcond=1e-9)[0][:3])

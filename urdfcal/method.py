@@ -1,4 +1,4 @@
-"""The estimators by name, one call for all; and the fit of data that may hold outliers."""
+"""The estimators by name, one call for all."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ import numpy as np
 
 from urdfcal.ekf import Belief, Estimate, compress, degrees_of_freedom, iterated_schedule, paper_schedule, update
 from urdfcal.errors import UsageError
-from urdfcal.geometry import MM, Matrix, Vector
-from urdfcal.measurements import Mask, Measurements
+from urdfcal.geometry import Matrix, Vector
+from urdfcal.measurements import Mask
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.pixel_spots import PixelSpots
-from urdfcal.reading_kinds import UNITS
-from urdfcal.robust import Observations, Outlier, beyond_belief, gate, inside, reweighted, swapped_poses
+from urdfcal.robust import Observations, reweighted
 from urdfcal.spot_model import SpotModel
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
 SCHEDULES = ("iterated", "paper")
 USUAL_Q, USUAL_R = 1e-4, 1e-4
-_NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
 
 
 @dataclass(frozen=True)
@@ -127,62 +125,6 @@ def posterior(here: Linearisation, prior: Belief, noise: Noise) -> Matrix:
     return update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
 
 
-@dataclass(frozen=True)
-class CleanFit:
-    """A fit without outliers.
-
-    Attributes:
-        model: Of the data that were kept.
-        estimate: The fit of those.
-        outliers: What was left out or mended.
-    """
-
-    model: SpotModel
-    estimate: Estimate
-    outliers: tuple[Outlier, ...] = ()
-
-
-def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
-    """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
-
-    The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables.
-
-    Args:
-        method: How to fit again.
-        model: Of all the data.
-        prior: Before the data.
-        noise: As stated, or where to start.
-        first: Fit of all the data.
-    """
-    clean, kept = _told_apart(method, model, prior, noise, first)
-    if kept is None:
-        return CleanFit(model, clean)
-    mended, swaps = _unswapped(model, clean)
-    if swaps:
-        model = SpotModel(model.errors, mended, model.joints)
-        first = method.run(model, prior, noise)
-        clean, kept = _told_apart(method, model, prior, noise, first)
-    if kept is None:
-        return CleanFit(model, clean, swaps)
-    history = clean.history if clean is first else [*first.history, *clean.history[1:]]
-    return CleanFit(_of_kept(model, kept), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
-
-
-def without_gross_outliers(model: SpotModel, found: Estimate) -> tuple[SpotModel, tuple[Outlier, ...]]:
-    """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
-
-    A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
-
-    Args:
-        model: Of poses that were not fitted.
-        found: The fit.
-    """
-    if len(found.belief.x) != len(model.errors.names):
-        return model, ()
-    out = beyond_belief(observations_of(model), found)
-    return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
-
-
 def observations_of(model: SpotModel) -> Observations:
     """What was measured of a model, of which any may be left out; rows of what is known beforehand never are."""
     seen = np.column_stack([model.measured[:, block.columns].any(axis=1) for block in model.blocks])
@@ -205,57 +147,3 @@ def observations_of(model: SpotModel) -> Observations:
 
     block_of = np.repeat(np.arange(len(model.blocks)), [block.columns.stop - block.columns.start for block in model.blocks])
     return Observations(model.linearise, missed, everything, block_of)
-
-
-def _of_kept(model: SpotModel, kept: Mask) -> SpotModel:
-    """The model as if the others, (n, blocks), had not been measured."""
-    data, lasers = model.data, len(model.data.lasers)
-    kept = kept[: len(data)]
-    spots = np.where(kept[:, :lasers, None], data.spots, np.nan)
-    columns = {(each.data.kind, each.data.target): own for each, own in zip(model.readings, kept[:, lasers:].T, strict=True)}
-    readings = tuple(each.without(~columns[each.kind, each.target]) for each in data.readings)
-    return SpotModel(model.errors, replace(data, spots=spots, readings=readings), model.joints)
-
-
-def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
-    """A fit without outliers, and which spots are none, (n, lasers); None if none is."""
-    spots = observations_of(model)
-    if method.estimator != "robust":
-        return gate(spots, prior, noise, first, begin=method.start, **method.limits())
-    if not first.converged:
-        return first, None
-    kept = inside(spots, prior, first)
-    return first, None if kept.all() or spots.too_few(kept) else kept
-
-
-def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
-    """The measurements with beams exchanged that were read for each other."""
-    data, predicted = model.data, model.predict(clean.belief.x)[0]
-    spots, sigma, swaps = data.spots.copy(), data.sigma.copy(), []
-    for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
-        for each in (spots, sigma):
-            each[pose, [one, other]] = each[pose, [other, one]]
-        words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
-        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
-    return replace(data, spots=spots, sigma=sigma), tuple(swaps)
-
-
-def _left_out(model: SpotModel, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
-    data, observed = model.data, observations_of(model)
-    lost, here, outliers = observed.missed(clean.belief.x), model.linearise(clean.belief.x), []
-    for pose, index in np.argwhere(observed.seen & ~kept).tolist():
-        if pose >= len(data):
-            continue
-        block = model.blocks[index]
-        words, away = "its beam does not meet the screen in the model; is a joint's reading wrong?", None
-        if not lost[pose, index]:
-            size = UNITS[block.unit]
-            away = float(np.linalg.norm(here.residual[pose, block.columns])) / size
-            others = "the other spots" if index < len(data.lasers) else "the other readings"
-            words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
-        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
-    return tuple(outliers)
-
-
-def _distance_mm(data: Measurements, predicted: Vector, pose: int, laser: int) -> float:
-    return float(np.linalg.norm(predicted[pose, laser] - data.spots[pose, laser]) / MM)

@@ -22,8 +22,8 @@ from typing import Any, Literal
 import numpy as np
 
 from urdfcal.ekf import Belief, Estimate, Linearise, Sweep, compress, iterated_schedule, update
-from urdfcal.geometry import MM, Matrix, Vector
-from urdfcal.measurements import Mask, Measurements
+from urdfcal.geometry import Matrix, Vector
+from urdfcal.measurements import Mask
 from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
 
 Loss = Literal["student", "huber"]
@@ -36,24 +36,6 @@ _GATE_ROUNDS = 10
 _CHANCE = 0.01  # probability that a gate takes out any spot of a clean set
 _MARGIN = 3.0  # times that a spot that was not fitted must be farther off to be one: the model's own faults have long tails
 _MOST_OUT = 0.4  # share of outliers beyond which there is no telling which is which
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """An observation that was left out.
-
-    Attributes:
-        pose: Label of the pose, with the file's line where there is one.
-        laser: Laser link, or target.
-        distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen,
-            or where it is no length.
-        reason: Why it was left out, in words.
-    """
-
-    pose: str
-    laser: str
-    distance_mm: float | None
-    reason: str
 
 
 def squared_distances(here: Linearisation, noise: Noise, uncertainty: Matrix | None = None) -> Matrix:
@@ -160,13 +142,13 @@ class Observations:
         return "" if np.isfinite(left.residual).all() and np.isfinite(left.jacobian).all() else "not_finite"
 
 
-def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
+def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
     """Maximum a posteriori estimate under Student's or Huber's distribution, by iteratively reweighted steps.
 
     Spot noise that is not stated is the robust scale of the residual.
 
     Args:
-        spots: What was measured.
+        observed: What was measured.
         prior: Before the data.
         noise: Of the measurements.
         loss: `student` or `huber`.
@@ -174,16 +156,16 @@ def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss =
     """
     belief = Belief(prior.x if start is None else start, prior.P)
     estimate, heard = Estimate(belief, "max_sweeps", noise), np.empty(0, dtype=bool)
-    here, met = spots.reached(belief.x)
+    here, met = observed.reached(belief.x)
     history: list[Sweep] = []
     for _ in range(_ROUNDS):
-        if not here.usable or spots.too_few(met):
+        if not here.usable or observed.too_few(met):
             return replace(estimate, stop=here.trouble or "left_screen", history=history or [Sweep(belief.x, np.nan, here.rms)])
         scaled = _rescaled(noise, here, belief, prior)
         d2, last = squared_distances(here, scaled), heard
         heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, degrees(here), loss)
         estimate = iterated_schedule(
-            lambda state, heard=heard, weights=weights: _weighted(spots.at(state, heard), weights),  # type: ignore[misc]
+            lambda state, heard=heard, weights=weights: _weighted(observed.at(state, heard), weights),  # type: ignore[misc]
             prior,
             replace(scaled, stated=True),
             start=belief.x,
@@ -193,9 +175,9 @@ def reweighted(spots: Observations, prior: Belief, noise: Noise, *, loss: Loss =
         history += estimate.history[-1:]
         moved = np.max(np.abs(estimate.belief.x - belief.x) / np.sqrt(np.diag(estimate.belief.P)))
         belief = estimate.belief
-        here, met = spots.reached(belief.x)
+        here, met = observed.reached(belief.x)
         if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior), here):
-            belief = Belief(belief.x, _covariance(spots.at(belief.x, heard), scaled, estimate.belief, prior, loss))
+            belief = Belief(belief.x, _covariance(observed.at(belief.x, heard), scaled, estimate.belief, prior, loss))
             return replace(estimate, belief=belief, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
     return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
 
@@ -246,7 +228,7 @@ def _weighted(here: Linearisation, weights: Matrix) -> Linearisation:
 
 
 def gate(
-    spots: Observations, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
+    observed: Observations, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
 ) -> tuple[Estimate, Mask | None]:
     """Take out spots that the fit cannot explain, refit, and let back in what then fits.
 
@@ -255,7 +237,7 @@ def gate(
     stands. Otherwise a robust fit tells which they are.
 
     Args:
-        spots: What was measured.
+        observed: What was measured.
         prior: Before the data.
         noise: As stated, or where to start.
         first: Fit of all spots.
@@ -263,20 +245,20 @@ def gate(
         schedule: Passed on to the iterated schedule.
 
     Returns:
-        The fit without outliers, and which spots it kept, (n, lasers); None if all.
+        The fit without outliers, and which spots it kept, (n, blocks); None if all.
     """
-    if first.converged and inside(spots, prior, first).all():
+    if first.converged and inside(observed, prior, first).all():
         return first, None
-    estimate = reweighted(spots, prior, noise, start=begin)
+    estimate = reweighted(observed, prior, noise, start=begin)
     kept = np.empty(0, dtype=bool)
     for _ in range(_GATE_ROUNDS):
-        last, kept = kept, inside(spots, prior, estimate)
-        if spots.too_few(kept):
+        last, kept = kept, inside(observed, prior, estimate)
+        if observed.too_few(kept):
             return first, None
         if np.array_equal(kept, last):
             break
         estimate = iterated_schedule(
-            lambda state, kept=kept: spots.at(state, kept),  # type: ignore[misc]
+            lambda state, kept=kept: observed.at(state, kept),  # type: ignore[misc]
             prior,
             noise,
             start=estimate.belief.x,
@@ -285,29 +267,29 @@ def gate(
     return estimate, None if kept.all() else kept
 
 
-def inside(spots: Observations, prior: Belief, found: Estimate) -> Mask:
-    """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, lasers)."""
-    here, met = spots.reached(found.belief.x)
-    if spots.too_few(met):
+def inside(observed: Observations, prior: Belief, found: Estimate) -> Mask:
+    """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, blocks)."""
+    here, met = observed.reached(found.belief.x)
+    if observed.too_few(met):
         return met
     d2 = squared_distances(here, found.noise)
     scales = _rescaled(found.noise, here, found.belief, prior).sigma / found.noise.sigma  # an estimate may hold the outliers
     return np.asarray(met & ~(d2 > _limits(here) * _per_block(here, scales) ** 2))
 
 
-def beyond_belief(spots: Observations, found: Estimate) -> Mask:
-    """Which spots of poses that were not fitted are gross outliers, no matter of a calibration that is not good enough, (n, lasers).
+def beyond_belief(observed: Observations, found: Estimate) -> Mask:
+    """Which spots of poses that were not fitted are gross outliers, no matter of a calibration that is not good enough, (n, blocks).
 
     Their beam does not meet the screen, or their distance in units of what noise and the parameters' uncertainty explain is far
     beyond chance even at the scale of the bulk of these poses: a calibration that fails on all of them has no outliers.
     """
-    here, met = spots.reached(found.belief.x)
-    if spots.too_few(met):
+    here, met = observed.reached(found.belief.x)
+    if observed.too_few(met):
         return np.zeros_like(met)
     d2 = squared_distances(here, found.noise, found.belief.P)
     scales = _MARGIN * np.maximum(kind_scales(here, d2), 1.0)
     out = np.asarray(~met | (d2 > _limits(here) * _per_block(here, scales) ** 2))
-    return np.zeros_like(out) if spots.too_few(~out) else out
+    return np.zeros_like(out) if observed.too_few(~out) else out
 
 
 def _limits(here: Linearisation) -> Matrix:
@@ -320,26 +302,3 @@ def _limits(here: Linearisation) -> Matrix:
     z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
     m = np.maximum(freedom, 1)
     return np.asarray(np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3))
-
-
-def swapped_poses(data: Measurements, spots: Any, inside_mm: float) -> list[tuple[int, int, int]]:
-    """Poses at which two beams were read for each other: each measured spot lies at the other's predicted place.
-
-    Args:
-        data: Measurements.
-        spots: Predicted spots, (n, lasers, 2), [m].
-        inside_mm: How near counts as at the place, [mm].
-
-    Returns:
-        (pose, laser, laser) for each.
-    """
-    found = []
-    lasers = len(data.lasers)
-    for one in range(lasers):
-        for other in range(one + 1, lasers):
-            own = [np.linalg.norm(data.spots[:, k] - spots[:, k], axis=-1) / MM for k in (one, other)]
-            crossed = [np.linalg.norm(data.spots[:, k] - spots[:, j], axis=-1) / MM for k, j in ((one, other), (other, one))]
-            with np.errstate(invalid="ignore"):
-                swapped = (np.minimum(*own) > inside_mm) & (np.maximum(*crossed) < inside_mm)
-            found += [(int(pose), one, other) for pose in np.flatnonzero(swapped)]
-    return found

@@ -156,7 +156,7 @@ def fit_sag(
     held_out = setup.held_out(alone, whole, folds, rng) if folds else None
     warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
     gain = whole.log_evidence - alone.log_evidence
-    dropped = tuple(dict.fromkeys(extra for extra in extras if extra not in kept))
+    dropped = tuple(extra for extra in EXTRAS if extra in extras and extra not in kept)
     return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)
 
 

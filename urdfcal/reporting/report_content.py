@@ -14,6 +14,7 @@ from urdfcal.fit_result import FitResult
 from urdfcal.identifiability import DETERMINED, Combination
 from urdfcal.instrument_report import first_kind, parameters_in_words
 from urdfcal.measurements import Measurements
+from urdfcal.outliers import Outlier
 from urdfcal.report import STRONG, carried_lines, combinations_of_robot, displayed, strongly_correlated, value_and_sigma
 from urdfcal.reporting.document import Block, Cell, Gallery, Points, Section, Share, Table
 from urdfcal.reporting.instrument_sections import fixed, frames_section, places_section
@@ -21,7 +22,6 @@ from urdfcal.reporting.provenance import prior_text, provenance_table
 from urdfcal.reporting.reading_residuals import ReadingResiduals, reading_residuals, reading_suspects
 from urdfcal.reporting.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
 from urdfcal.reporting.verdict import Verdict, count_of, verdict_of
-from urdfcal.robust import Outlier
 
 _MOST_OUTLIERS = 50
 _PHASES = ("mean", "std", "max")
