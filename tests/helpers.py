@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, laser_motion
 from urdfcal.geometry import Matrix, Vector, distance_mm_mrad
+from urdfcal.measurements import Measurements
 from urdfcal.robot import Robot
 from urdfcal.sensors import spots_on_screen
 
 ROBOTS = ("arm7", "arm4", "panda", "ur5", "tiago")
+
+
+def with_joint(index: int, factor: float = 1.0, shift: float = 0.0) -> Callable[[Measurements], Measurements]:
+    """A mistake in one joint's readings."""
+    keep = np.eye(100)[index] == 1
+    return lambda data: replace(data, q=np.where(keep[: data.q.shape[1]], data.q * factor + shift, data.q))
 
 
 def central_differences(function: Callable[[Vector], Matrix], x: Vector, step: float = 1e-5) -> Matrix:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.helpers import with_joint
 from urdfcal.gauge import build_error_model
 from urdfcal.geometry import DEG, MM, Vector
 from urdfcal.hypotheses import best_hypothesis
@@ -49,12 +50,6 @@ def said(model: SpotModel, change: Change) -> str:
 def with_spots(matrix: list[list[float]]) -> Change:
     """A mistake in what was read off the screen."""
     return lambda data: replace(data, spots=data.spots @ np.array(matrix, dtype=float).T)
-
-
-def with_joint(index: int, factor: float = 1.0, shift: float = 0.0) -> Change:
-    """A mistake in one joint's readings."""
-    keep = np.eye(100)[index] == 1
-    return lambda data: replace(data, q=np.where(keep[: data.q.shape[1]], data.q * factor + shift, data.q))
 
 
 MISTAKES: dict[str, Change] = {

@@ -14,7 +14,7 @@ from urdfcal.error_model import PriorScale
 from urdfcal.errors import FitRejected, UsageError
 from urdfcal.evaluation import evaluate
 from urdfcal.gauge import ModelOptions
-from urdfcal.geometry import MM
+from urdfcal.geometry import DEG, MM
 from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import simulate_readings
 from urdfcal.readings import Readings
@@ -141,3 +141,34 @@ def test_a_calibration_says_what_it_is_in_a_line(robots: dict[str, Robot], rng: 
     """Its repr holds neither URDF nor poses."""
     robot, data = data_of(POINTS, robots, rng)
     assert len(repr(fit(robot, data))) < 150
+
+
+def test_a_robot_of_another_size_is_rejected(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Joints a decimetre from where they are is no calibration, however well it fits."""
+    robot, data = data_of(POINTS, robots, rng, poses=80)
+    shrunk = changed(data, "point", lambda each: replace(each, values=each.values / 2.54))
+    found = fit(robot, shrunk, sane=False)
+    assert "and no robot is made so" in found.rejection or "scatter by" in found.rejection
+
+
+def test_much_noise_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Points that scatter ten times as much as is usual are fitted, with a warning."""
+    robot, data = data_of(POINTS, robots, rng)
+    noisy = changed(data, "point", lambda each: replace(each, values=each.values + rng.normal(scale=8e-3, size=each.values.shape)))
+    assert any("the points scatter by" in warning and "far more than is usual" in warning for warning in fit(robot, noisy).warnings)
+
+
+def test_noise_that_too_few_poses_tell_of_is_the_usual_one(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Joints far worse than the priors do not leave their errors behind as noise once the priors were widened to them."""
+    case = SensorCase("panda", ("distance:panda_link8",))
+    setup = setup_of(case, robots, rng, model="auto", translation=3 * MM, rotation=1.5 * DEG)
+    found = fit(setup.robot, simulate_readings(setup, 40, rng, NOISE))
+    assert found.estimate.noise.sigma[0] <= 0.5 * MM
+    assert found.after["panda_link8 distance"].mean < 0.3
+
+
+def test_joint_noise_that_is_too_large_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where stated noise of the joints explains more than is seen, what is left for the sensor cannot be right."""
+    robot, data = data_of(POINTS, robots, rng)
+    found = fit(robot, data, joint_sigma=np.radians(0.2))
+    assert any("as much as the stated noise of the joints explains" in warning for warning in found.warnings)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.helpers import with_joint
 from tests.sensor_cases import CASES, NOISE, SensorCase, setup_of
 from urdfcal import FitRejected, fit
 from urdfcal.gauge import ModelOptions
@@ -34,12 +35,6 @@ def with_values(kind: str, change: Callable[[np.ndarray], np.ndarray]) -> Change
     return lambda data: replace(
         data, readings=tuple(replace(each, values=change(each.values)) if each.kind == kind else each for each in data.readings)
     )
-
-
-def with_joint(index: int, factor: float = 1.0, shift: float = 0.0) -> Change:
-    """A mistake in one joint's readings."""
-    keep = np.eye(100)[index] == 1
-    return lambda data: replace(data, q=np.where(keep[: data.q.shape[1]], data.q * factor + shift, data.q))
 
 
 def inverted(data: Measurements) -> Measurements:
@@ -146,3 +141,32 @@ def test_no_two_hypotheses_do_the_same(robots: dict[str, Robot]) -> None:
 def _print(data: Measurements) -> tuple[bytes, ...]:
     values: list[Array3] = [np.round(each.values, 12) for each in data.readings]
     return (np.round(data.q, 9).tobytes(), *(each.tobytes() for each in values))
+
+
+@pytest.mark.parametrize("factor", [100.0, 1 / 0.0254])
+def test_points_in_other_units_are_named_as_such(robots: dict[str, Robot], factor: float) -> None:
+    """Centimetres and inches taken for metres are not called millimetres."""
+    robot, data = measured(POINT, robots, seed=4)
+    with pytest.raises(FitRejected, match="the points read as " + ("centimetres" if factor == 100 else "inches")):
+        fit(robot, with_values("point", lambda values: values * factor)(data))
+
+
+def test_what_no_mistake_explains_is_given_no_name(robots: dict[str, Robot]) -> None:
+    """Numbers that shrink under a hypothesis, and so leave less over, make it no better: ten times too large is no known unit."""
+    robot, data = measured(POINT, robots, seed=5)
+    found = fit(robot, with_values("point", lambda values: values * 10)(data))
+    assert "points scatter by" in found.rejection
+
+
+def test_an_arm_that_stands_still_explains_no_touches(robots: dict[str, Robot]) -> None:
+    """Read as degrees, joints hardly turn, and any plane suits a point that hardly moves; large errors are not taken for that."""
+    rng = np.random.default_rng(3)
+    setup = setup_of(CASES["plane"], robots, rng, model="auto", translation=10 * MM, rotation=3 * DEG)
+    data = simulate_readings(setup, 40, rng, NOISE)
+    assert fit(setup.robot, data).warnings
+
+
+def test_few_poses_tell_no_mistake_from_another(robots: dict[str, Robot]) -> None:
+    """With hardly more numbers than parameters nothing is named."""
+    robot, data = measured(POINT, robots, seed=6, poses=11)
+    fit(robot, with_joint(2, factor=-1.0)(data))

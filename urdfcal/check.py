@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +14,7 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.evaluation import as_measured, fit_and_test
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import ModelOptions, build_error_model, missing_screen_parameters
-from urdfcal.geometry import DEG, MM, Matrix, Vector, X
+from urdfcal.geometry import DEG, MM, Matrix, Vector, X, Y
 from urdfcal.identifiability import Identifiability, Observability, identify, observe
 from urdfcal.known_noise import joint_sigmas, noise_of, stated_noise
 from urdfcal.measurements import Mask, Measurements, measurements_from
@@ -27,7 +28,7 @@ from urdfcal.simulation import joint_limits
 from urdfcal.spot_model import model_for
 from urdfcal.suggestions import Suggestion, determined_names, if_worth, is_wider, open_share, posterior_of, whitened
 
-_SPREAD = 60 * DEG  # angle between a laser and the second one that is tried
+_SPREADS = 60 * DEG, -60 * DEG, 30 * DEG, -30 * DEG  # angles between a laser and the second one that is tried, until one is seen
 _MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
 _ELSEWHERE = "tried elsewhere"
 _REACH = 3.0  # [m] longest beam of a pose that is suggested
@@ -166,14 +167,14 @@ def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
 
 
 def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: Noise) -> Iterator[tuple[str, Matrix]]:
-    """A further beam turned about the module's x axis, where only one is seen."""
+    """A further beam turned away from the one that is seen, where only one is."""
     if (np.count_nonzero(data.seen, axis=1) > 1).any() or any(parameter.kind == "beam" for parameter in errors.parameters):
         return
     seen = int(np.argmax(data.seen.any(axis=0)))
     arm, placed = ArmKinematics(errors.chain), errors.placements(errors.mean, errors.sessions[0])
     own = placed.lasers[seen]
-    for angle in (_SPREAD, -_SPREAD):
-        turned = own * pin.SE3(pin.exp3(X * angle), np.zeros(3))
+    for angle, axis in product(_SPREADS, (X, Y)):
+        turned = own * pin.SE3(pin.exp3(axis * angle), np.zeros(3))
         motion = motion_at(arm, replace(placed, lasers=[turned]), arm.chain_positions(data.q))
         spots, length = spots_on_screen(motion.source, motion.direction)
         hits = makes_spot(length, motion.direction, farthest=_REACH)

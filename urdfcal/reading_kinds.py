@@ -43,8 +43,8 @@ KINDS = {
     "point": ReadingKind("point", "points", "point noise", "mm", 0.5, 20.0),
     "orientation": ReadingKind("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0),
     "distance": ReadingKind("distance", "distances", "distance noise", "mm", 0.5, 20.0),
-    "plane": ReadingKind("touch of a plane", "touches of planes", "noise across planes", "mm", 0.5, 20.0),
-    "socket": ReadingKind("touch of a socket", "touches of sockets", "socket noise", "mm", 0.5, 20.0),
+    "plane": ReadingKind("touch of a plane", "touches of planes", "noise across planes", "mm", 0.5, 10.0),
+    "socket": ReadingKind("touch of a socket", "touches of sockets", "socket noise", "mm", 0.5, 10.0),
     "pixel": ReadingKind("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0),
 }
 

@@ -94,7 +94,7 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     per_joint = per_joint or {}
     rows = _AxisTables(chain)
     joints = [_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows) for step in chain.moving]
-    instruments = frame_slots(chain, rig)
+    instruments = _frame_slots(rig)
     if not rig.lasers:
         return (*joints, *instruments)
     slots = [_screen_slot(chain, rig), *joints, *instruments]
@@ -103,7 +103,7 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     return tuple(slots)
 
 
-def frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
+def _frame_slots(rig: Rig) -> list[Slot]:
     """The placement of the measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
