@@ -26,7 +26,7 @@ from urdfcal.known_noise import joint_sigmas, stated_noise
 from urdfcal.measurements import Measurements
 from urdfcal.method import Method, without_gross_outliers
 from urdfcal.nominal import with_new_places
-from urdfcal.pixel_start import require_screen_of_camera
+from urdfcal.pixel_start import corrected_camera, in_pixels, require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
 from urdfcal.scatter import extra_noise, in_words, states_noise, widened, without_stated_noise
@@ -36,6 +36,7 @@ from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
     from urdfcal.viewer import View
+    from urdfcal.vision.camera_model import Camera
 
 
 @dataclass(frozen=True, repr=False)
@@ -91,7 +92,17 @@ class Calibration(FitResult):
         from urdfcal.viewer import view_of
 
         corrected = robot_from(replace(self.robot.description, text=self.urdf()), screen=self.robot.screen, lasers=self.robot.lasers)
-        return view_of(self.robot, self.data, corrected, magnify)
+        data = replace(self.data, camera=self.corrected_camera()) if in_pixels(self.data) else self.data
+        return view_of(self.robot, data, corrected, magnify)
+
+    def corrected_camera(self) -> Camera:
+        """The camera that read laser spots as pixels, with the screen where the fit found it: the one for the calibrated robot.
+
+        Raises:
+            UsageError: no laser spots were read as pixels.
+        """
+        camera: Camera = corrected_camera(self.data, self.errors, self.estimate.belief)
+        return camera
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""
