@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from urdfcal import __version__
 from urdfcal.corrections import OriginCorrection, applied, same_origin
 from urdfcal.error_table import SpotTable
-from urdfcal.errors import CalibrationFileError, did_you_mean
+from urdfcal.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult
 from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
@@ -148,10 +148,16 @@ def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *
         The corrected model; with geometry models the tuple (model, *geometry_models).
 
     Raises:
+        UsageError: one of the arguments is something else, such as a `Robot` in place of its `model`.
         CalibrationFileError: the file is no calibration.
         RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
     """
     found = read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+    if not isinstance(found, FitResult | StoredCalibration):
+        raise UsageError(
+            f"found a {type(found).__name__} where the calibration belongs; expected apply(robot.model, calibration), "
+            "with what fit or load_calibration gave, or the path of its file"
+        )
     return applied(model, geometry_models, found.corrections)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import pinocchio as pin
 
-from urdfcal.errors import RobotError, did_you_mean
+from urdfcal.errors import RobotError, UsageError, did_you_mean
 from urdfcal.geometry import SE3, distance_mm_mrad
 
 SAME = 1e-6  # [mm] and [mrad]: closer than that two origins are the same
@@ -53,7 +53,7 @@ def applied(model: Any, geometry_models: Sequence[Any], corrections: Mapping[str
     """The corrected model alone or, where geometry models come with it, the tuple of all: what `apply_to` gives back.
 
     Raises:
-        RobotError: as for `corrected_models`.
+        UsageError, RobotError: as for `corrected_models`.
     """
     corrected = corrected_models(model, geometry_models, corrections)
     return corrected if geometry_models else corrected[0]
@@ -67,6 +67,7 @@ def corrected_model(model: Any, corrections: Mapping[str, OriginCorrection]) -> 
         corrections: By URDF joint name. Fixed joints that the model does not have are passed over.
 
     Raises:
+        UsageError: something else than a Pinocchio model is given.
         RobotError: the model lacks a moving joint that was calibrated, is corrected already, or has a joint elsewhere.
     """
     return corrected_models(model, (), corrections)[0]
@@ -81,11 +82,21 @@ def corrected_models(model: Any, geometry_models: Sequence[Any], corrections: Ma
         corrections: By URDF joint name.
 
     Raises:
+        UsageError: something else than Pinocchio's models is given.
         RobotError: as for `corrected_model`, or a geometry model belongs to another model.
     """
+    _require_models(model, geometry_models)
     _require_joints(model, corrections)
     shifts = _Shifts(model, corrections)
     return (shifts.moved_model(), *(shifts.moved_geometry(geometry) for geometry in geometry_models))
+
+
+def _require_models(model: Any, geometry_models: Sequence[Any]) -> None:
+    if not isinstance(model, pin.Model):
+        raise UsageError(f"found a {type(model).__name__} where the Pinocchio model belongs; expected a pin.Model, such as robot.model")
+    for geometry in geometry_models:
+        if not isinstance(geometry, pin.GeometryModel):
+            raise UsageError(f"found a {type(geometry).__name__} behind the model; expected a pin.GeometryModel, of shapes or collisions")
 
 
 def _require_joints(model: Any, corrections: Mapping[str, OriginCorrection]) -> None:
