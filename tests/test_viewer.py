@@ -380,6 +380,8 @@ def test_the_command_writes_the_page(run_cli: Run, tmp_path: Path) -> None:
         (["--calibrated", "none.yaml", "--html", "v.html"], "none.yaml: cannot be read"),
         (["--calibrated", "none.urdf", "--html", "v.html"], "none.urdf: cannot be read"),
         (["--port", "99999"], "--port 99999"),
+        (["--port", "8000", "--html", "v.html"], "--port and --host are about serving"),
+        (["--host", "127.0.0.1", "--html", "v.html"], "--port and --host are about serving"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_nothing_written(run_cli: Run, tmp_path: Path, words: list[str], said: str) -> None:

@@ -25,10 +25,13 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
+from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
     from urdfcal.robot import Robot
     from urdfcal.viewer import View
+
+_PORT, _HOST = 7000, "127.0.0.1"
 
 
 def view(
@@ -57,10 +60,22 @@ def view(
             metavar="TIMES", help="How many times longer arrows are than errors. Default: 20, less where they are long.", show_default=False
         ),
     ] = None,
-    port: Annotated[int, typer.Option(metavar="N", help="Port to serve on; the next free one where it is taken, 0 for any.")] = 7000,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help=f"Port to serve on; the next free one where it is taken, 0 for any. Default: {_PORT}.",
+            show_default=False,
+        ),
+    ] = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address to listen on; 0.0.0.0 lets every machine in the network look.")
-    ] = "127.0.0.1",
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help=f"Address to listen on; 0.0.0.0 lets every machine in the network look. Default: {_HOST}.",
+            show_default=False,
+        ),
+    ] = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     screen: Screen = None,
     laser: Lasers = None,
@@ -77,6 +92,8 @@ def view(
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
     from urdfcal.viewer import view_of
 
+    if html is not None and (port is not None or host is not None):
+        raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
     rig_file = rig_file_of(rig)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
@@ -88,7 +105,7 @@ def view(
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
-        _serve(seen, host, port, no_open, as_json, quiet)
+        _serve(seen, _HOST if host is None else host, _PORT if port is None else port, no_open, as_json, quiet)
         return
     seen.write_html(html)
     size = len(seen.html.encode())
