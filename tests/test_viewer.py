@@ -273,15 +273,27 @@ def test_in_a_notebook_the_view_is_an_inline_frame(small_view: View) -> None:
     assert frame.count('"') == 6
 
 
-def test_a_calibration_shows_itself(robots: dict[str, Robot]) -> None:
-    """`Calibration.show()` puts before and after into one scene, with the distances of the fit's own table."""
+def test_a_view_is_a_line_where_it_is_printed(small_view: View) -> None:
+    """What it is of, and how to look at it, in place of meshes and arrays."""
+    assert repr(small_view) == "<View of small, before and after: 6 poses; .serve() or .write_html(FILE) to look at it>"
+    alone = view_of(small_view.scene.robot)
+    assert repr(alone) == "<View of small, as its URDF has it: 1 pose; .serve() or .write_html(FILE) to look at it>"
+
+
+def test_a_calibration_shows_itself(robots: dict[str, Robot], tmp_path: Path) -> None:
+    """Before and after in one scene, with the distances of the fit's own table; loaded from its file it asks for robot and data."""
     robot = robots["arm7"]
-    calibration = urdfcal.fit(robot, urdfcal.read_measurements(ARM7 / "measurements.csv", robot))
-    scene = calibration.show().scene
-    assert scene.after is not None
-    for beams, table in ((scene.before, calibration.before), (scene.after, calibration.after)):
-        means = np.nanmean(scene.errors_mm(beams), axis=0)
-        np.testing.assert_allclose(means, [table[laser].mean for laser in scene.data.lasers], atol=1e-6)
+    data = urdfcal.read_measurements(ARM7 / "measurements.csv", robot)
+    calibration = urdfcal.fit(robot, data)
+    calibration.write(tmp_path / "c.yaml")
+    stored = urdfcal.load_calibration(tmp_path / "c.yaml")
+    assert repr(stored) == f"<StoredCalibration {tmp_path / 'c.yaml'}: {', '.join(stored.corrections)}>"
+    for scene in (calibration.show().scene, stored.show(robot, calibration.data).scene):
+        assert scene.after is not None
+        for beams, table in ((scene.before, calibration.before), (scene.after, calibration.after)):
+            means = np.nanmean(scene.errors_mm(beams), axis=0)
+            np.testing.assert_allclose(means, [table[laser].mean for laser in scene.data.lasers], atol=1e-6)
+    assert len(stored.show(robot).scene.data) == 1
 
 
 def test_without_measurements_a_pose_with_all_beams_on_the_screen_is_shown(robots: dict[str, Robot]) -> None:

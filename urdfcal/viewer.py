@@ -30,7 +30,7 @@ from urdfcal.view.view_server import PageServer
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class View:
     """A scene that can be looked at.
 
@@ -57,6 +57,12 @@ class View:
     def serve(self, port: int = 7000, host: str = "127.0.0.1") -> PageServer:
         """Serve the page from now on, on this port or the next free one; its `url` is where, and it stops at `close()`."""
         return PageServer(self.html.encode(), host, port)
+
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds meshes and every pose."""
+        robots = "before and after" if self.scene.calibrated is not None else "as its URDF has it"
+        poses = "1 pose" if len(self.scene.data) == 1 else f"{len(self.scene.data)} poses"
+        return f"<{type(self).__name__} of {self.scene.robot.name}, {robots}: {poses}; .serve() or .write_html(FILE) to look at it>"
 
     def _repr_html_(self) -> str:
         """In a notebook."""

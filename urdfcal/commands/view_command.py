@@ -113,18 +113,15 @@ def view(
 
 
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
-    from dataclasses import replace
 
-    from urdfcal.calibration_file import read_calibration
-    from urdfcal.robot import robot_from
-    from urdfcal.urdf_writer import with_origins
+    from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     if path.suffix.lower() not in (".yaml", ".yml"):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None)
     origins, missing = read_calibration(path).origins_for(arm)
     if missing:
         warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    return robot_from(replace(arm.description, text=with_origins(arm.description, origins)), screen=arm.screen, lasers=arm.lasers)
+    return corrected_robot(arm, origins)
 
 
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:
