@@ -213,6 +213,8 @@ def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], 
     before, after = drawn(robot, data), drawn(robot, data, true)
     assert before.target_magnification <= 20 < after.target_magnification
     assert replace(after, magnify=3).target_magnification == 3
+    longest = max(np.nanmax(np.linalg.norm(mark.predicted - mark.read, axis=1)) for mark in before.marks)
+    assert before.most_magnification == pytest.approx(before.width / longest)
 
 
 def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

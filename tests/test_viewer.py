@@ -220,6 +220,20 @@ def test_arrows_are_not_longer_than_the_screen(robots: dict[str, Robot]) -> None
     assert Scene(robots["arm7"], None, data, 7).magnification == 7
 
 
+def test_arrows_longer_than_the_scene_are_said(robots: dict[str, Robot]) -> None:
+    """What is asked for is drawn, with the length that comes of it and a magnification that fits; what fits is not spoken of."""
+    data, _ = measured(robots["arm7"], 20)
+    warned = view_of(robots["arm7"], data, magnify=5000.0)
+    found = re.fullmatch(
+        r"arrows 5000 times longer than the errors are up to ([\d.]+) times as long as the scene; (\d+) fits", *warned.warnings
+    )
+    assert found
+    longest = np.nanmax(warned.scene.errors_mm(warned.scene.before)) / 1e3
+    assert float(found[1]) == pytest.approx(5000 * longest / warned.scene.sheet.size, abs=0.06)
+    assert longest * float(found[2]) <= warned.scene.sheet.size < longest * 2 * float(found[2])
+    assert view_of(robots["arm7"], data, magnify=float(found[2])).warnings == ()
+
+
 def test_the_page_is_whole_and_the_same_every_time(small_view: View) -> None:
     """Nothing is loaded from elsewhere, nothing of this machine is in it, and the same scene gives the same bytes."""
     page = small_view.html

@@ -101,7 +101,7 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
         said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
     scene = Scene(robot, calibrated, rows, magnify)
     shapes = robot_shapes(scene.solid)
-    return View(scene, shapes, (*said, *_missing(scene), *shapes.warnings))
+    return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
 
 
 def _to_its_tip(robot: Robot) -> Robot:
@@ -129,6 +129,15 @@ def _missing(scene: Scene) -> list[str]:
         f"{scene.data.where(int(pose))}: {scene.data.lasers[laser]} was seen, but in the robot that is drawn its beam misses the screen "
         f"({np.count_nonzero(lost)} such spots)"
     ]
+
+
+def _overlong(scene: Scene) -> list[str]:
+    most = scene.most_magnification
+    if scene.magnify is None or scene.magnify <= most:
+        return []
+    decade = 10.0 ** np.floor(np.log10(most))
+    fits, over = float(np.floor(most / decade) * decade), scene.magnify / most
+    return [f"arrows {scene.magnify:g} times longer than the errors are up to {over:.1f} times as long as the scene; {fits:g} fits"]
 
 
 def _check(robot: Robot, calibrated: Robot | None, data: Measurements) -> None:
