@@ -89,11 +89,12 @@ class Calibration(FitResult):
 
     def show(self, magnify: float | None = None) -> View:
         """Robot, beams and fitted spots before and after, to look at: at the end of a notebook's cell, or by `serve()` in a browser."""
+        from urdfcal.view.target_scene import held_instruments
         from urdfcal.viewer import view_of
 
         corrected = robot_from(replace(self.robot.description, text=self.urdf()), screen=self.robot.screen, lasers=self.robot.lasers)
         data = replace(self.data, camera=self.corrected_camera()) if in_pixels(self.data) else self.data
-        return view_of(self.robot, data, corrected, magnify)
+        return view_of(self.robot, data, corrected, magnify, held_instruments(self.errors, self.data.instruments.places))
 
     def corrected_camera(self) -> Camera:
         """The camera that read laser spots as pixels, with the screen where the fit found it: the one for the calibrated robot.

@@ -14,6 +14,7 @@ from urdfcal.corrections import OriginCorrection, applied, same_origin
 from urdfcal.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult
+from urdfcal.gauge import ModelOptions
 from urdfcal.geometry import SE3, distance_mm_mrad, pose
 from urdfcal.measurements import Measurements
 from urdfcal.robot import Robot, robot_from
@@ -137,20 +138,23 @@ class StoredCalibration:
             )
         return origins, missing
 
-    def show(self, robot: Robot, data: Measurements | None = None, magnify: float | None = None) -> View:
+    def show(
+        self, robot: Robot, data: Measurements | None = None, magnify: float | None = None, options: ModelOptions | None = None
+    ) -> View:
         """Robot, beams and what was measured before and after, to look at; the file knows neither robot nor measurements.
 
         Args:
             robot: As its URDF has it.
             data: What was measured; without it one pose is shown.
             magnify: How many times longer than the errors their arrows are.
+            options: Of which only what concerns the instruments matters.
 
         Raises:
             CalibrationFileError: the calibration is another robot's, or the robot is calibrated already.
         """
         from urdfcal.viewer import view_of
 
-        return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify)
+        return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
 
 
 def corrected_robot(robot: Robot, origins: Mapping[str, SE3]) -> Robot:

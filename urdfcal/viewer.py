@@ -17,6 +17,7 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.evaluation import as_measured
 from urdfcal.files import write_whole
+from urdfcal.gauge import ModelOptions
 from urdfcal.instruments import Instruments, Target
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots, in_pixels, require_screen_of_camera
@@ -70,7 +71,13 @@ class View:
         return f'<iframe title="urdfcal view" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
 
 
-def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | None = None, magnify: float | None = None) -> View:
+def view_of(
+    robot: Robot,
+    data: Measurements | None = None,
+    calibrated: Robot | None = None,
+    magnify: float | None = None,
+    options: ModelOptions | None = None,
+) -> View:
     """Put robot, beams, screen, spots and targets into a scene.
 
     Args:
@@ -78,6 +85,7 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
         data: What was measured; without it, one pose is shown, with every beam on the screen if there is such a pose.
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
+        options: Of which only what concerns the instruments matters, as for `evaluate`.
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
@@ -99,7 +107,7 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
         rows = rows.subset(rows.sessions == first)
         whose = "the calibrated robot has the screen" if not rows.readings else "the scene has the measuring frame"
         said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
-    scene = Scene(robot, calibrated, rows, magnify)
+    scene = Scene(robot, calibrated, rows, magnify, options)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
 

@@ -101,7 +101,7 @@ def view(
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
     other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
-    seen = view_of(arm, data, other, magnify)
+    seen = view_of(arm, data, other, magnify, rig_file.options())
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:

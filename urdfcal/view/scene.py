@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, laser_motion
+from urdfcal.gauge import ModelOptions
 from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.robot import Robot
@@ -103,12 +104,14 @@ class Scene:
         calibrated: As it was found to be, or None.
         data: Joint positions and measured spots.
         magnify: How many times the arrows of the last robot's errors are longer than the errors; None to choose.
+        options: What is said of the instruments.
     """
 
     robot: Robot
     calibrated: Robot | None
     data: Measurements
     magnify: float | None = None
+    options: ModelOptions | None = None
 
     @property
     def solid(self) -> Robot:
@@ -184,7 +187,7 @@ class Scene:
     def targets(self) -> tuple[PlacedTargets, ...]:
         """The nominal robot with its instruments placed, then the calibrated one; empty where there are lasers alone."""
         robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
-        return tuple(placed_targets(robot, self.data) for robot in robots) if self.data.readings else ()
+        return tuple(placed_targets(robot, self.data, self.options) for robot in robots) if self.data.readings else ()
 
     @property
     def marks(self) -> tuple[Mark, ...]:
