@@ -6,12 +6,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from urdfcal.calibration_file import calibration_yaml
-from urdfcal.corrections import applied
+from urdfcal.corrections import Applicable
 from urdfcal.error_model import PriorScale
 from urdfcal.error_table import error_table
 from urdfcal.errors import ShapeMismatch, UsageError
@@ -40,31 +40,13 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(FitResult):
+class Calibration(FitResult, Applicable):
     """What a fit found, and what can be done with it."""
 
     @classmethod
     def of(cls, found: FitResult) -> Calibration:
         """The same, with what can be done with it."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
-
-    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
-        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
-
-        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
-        URDF had been read, so the corrected model costs what the nominal one costs.
-
-        Args:
-            model: `pin.Model`; left unchanged.
-            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
-
-        Returns:
-            The corrected model; with geometry models the tuple (model, *geometry_models).
-
-        Raises:
-            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
-        """
-        return applied(model, geometry_models, self.corrections)
 
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import pinocchio as pin
 
@@ -47,6 +47,37 @@ class OriginCorrection:
 def same_origin(a: SE3, b: SE3) -> bool:
     """Whether two origins differ by less than a nanometre and a nanoradian."""
     return max(distance_mm_mrad(a, b)) < SAME
+
+
+class _Corrected(Protocol):
+    """What holds corrected origins."""
+
+    @property
+    def corrections(self) -> Mapping[str, OriginCorrection]:
+        """By URDF joint name."""
+
+
+class Applicable:
+    """What can be put on a Pinocchio model: a fit's result, or one that is read from its file."""
+
+    def apply_to(self: _Corrected, model: Any, *geometry_models: Any) -> Any:
+        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
+
+        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
+        URDF had been read, so the corrected model costs what the nominal one costs.
+
+        Args:
+            model: `pin.Model`; left unchanged.
+            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
+
+        Returns:
+            The corrected model; with geometry models the tuple (model, *geometry_models).
+
+        Raises:
+            UsageError: something else than Pinocchio's models is given, such as a `Robot`.
+            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
+        """
+        return applied(model, geometry_models, self.corrections)
 
 
 def applied(model: Any, geometry_models: Sequence[Any], corrections: Mapping[str, OriginCorrection]) -> Any:

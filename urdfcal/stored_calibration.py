@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from urdfcal.corrections import OriginCorrection, applied, same_origin
+from urdfcal.corrections import Applicable, OriginCorrection, applied, same_origin
 from urdfcal.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult
@@ -58,7 +58,7 @@ class CalibrationEntries(_Loose):
 
 
 @dataclass(frozen=True, repr=False)
-class StoredCalibration:
+class StoredCalibration(Applicable):
     """A calibration read from its file.
 
     Attributes:
@@ -72,24 +72,6 @@ class StoredCalibration:
     def __repr__(self) -> str:
         """In a line."""
         return f"<{type(self).__name__} {self.path}: {', '.join(self.corrections)}>"
-
-    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
-        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
-
-        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
-        URDF had been read, so the corrected model costs what the nominal one costs.
-
-        Args:
-            model: `pin.Model`; left unchanged.
-            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
-
-        Returns:
-            The corrected model; with geometry models the tuple (model, *geometry_models).
-
-        Raises:
-            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
-        """
-        return applied(model, geometry_models, self.corrections)
 
     def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
         """The origins to write into a robot description that may have changed elsewhere.
