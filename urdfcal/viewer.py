@@ -145,7 +145,10 @@ def _overlong(scene: Scene) -> list[str]:
         return []
     decade = 10.0 ** np.floor(np.log10(most))
     fits, over = float(np.floor(most / decade) * decade), scene.magnify / most
-    return [f"arrows {scene.magnify:g} times longer than the errors are up to {over:.1f} times as long as the scene; {fits:g} fits"]
+    return [
+        f"arrows {scene.magnify:g} times longer than the errors are up to {over:.1f} times as long as the scene; "
+        f"up to {fits:g} times they fit"
+    ]
 
 
 def _check(robot: Robot, calibrated: Robot | None, data: Measurements) -> None:
