@@ -13,10 +13,11 @@ import yaml
 
 from tests.helpers import assert_poses_close
 from tests.small_robot import URDF, robot_of
-from urdfcal.calibration_file import StoredCalibration, joint_entries, read_calibration
+from urdfcal.calibration_file import joint_entries
 from urdfcal.corrections import OriginCorrection
 from urdfcal.errors import CalibrationFileError
 from urdfcal.robot import Robot, load_robot
+from urdfcal.stored_calibration import StoredCalibration, read_calibration
 from urdfcal.urdf_writer import with_origins
 
 NAMES = ["base_mount", "turn", "lift", "slide", "slm_mount", "laser_1_mount"]

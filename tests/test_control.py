@@ -18,7 +18,7 @@ from tests.small_robot import URDF, robot_of
 from tests.test_urdf_writer import random_corrections
 from urdfcal.corrections import OriginCorrection, corrected_model, corrected_models
 from urdfcal.error_model import ErrorModel
-from urdfcal.errors import CalibrationFileError, RobotError
+from urdfcal.errors import CalibrationFileError, RobotError, UsageError
 from urdfcal.geometry import Vector
 from urdfcal.robot import Robot, robot_from
 from urdfcal.sag_simulation import SagScales, soft_truth
@@ -221,6 +221,21 @@ def test_geometry_of_another_model_is_refused(robots: dict[str, Robot], rng: np.
     other = shapes(robots["arm7"], robots["arm7"].model)
     with pytest.raises(RobotError, match=r"the geometry 'link\d_\d' does not belong to this model"):
         corrected_models(robot.model, [other], corrections)
+
+
+def test_what_is_no_model_is_refused(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A robot in place of its model, arguments exchanged, a model in place of shapes: one line says what was found and expected."""
+    robot = robot_of(URDF)
+    corrections, _ = calibrated(robot, rng)
+    stored = urdfcal.StoredCalibration(tmp_path / "c.yaml", corrections)
+    expected = "expected a pin.Model, such as robot.model"
+    for call in (lambda: stored.apply_to(robot), lambda: urdfcal.apply(robot, stored)):
+        with pytest.raises(UsageError, match=f"found a Robot where the Pinocchio model belongs; {expected}"):
+            call()
+    with pytest.raises(UsageError, match=r"found a Model where the calibration belongs; expected apply\(robot\.model, calibration\)"):
+        urdfcal.apply(stored, robot.model)
+    with pytest.raises(UsageError, match=r"found a Model behind the model; expected a pin\.GeometryModel"):
+        stored.apply_to(robot.model, robot.model)
 
 
 def test_every_way_to_apply_is_the_same(tmp_path: Path, robots: dict[str, Robot], rng: np.random.Generator) -> None:

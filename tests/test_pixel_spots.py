@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from tests.helpers import assert_poses_close
 from urdfcal.calibration import fit
 from urdfcal.errors import MeasurementError, UsageError
 from urdfcal.frame_start import _nominal
@@ -100,8 +102,70 @@ def test_the_command_line_takes_the_camera(
     done = run_cli("fit", urdf, "m.csv", "--camera", "camera.yaml", "--no-sag")
     assert done.code == 0  # type: ignore[attr-defined]
     assert "pixel noise 0.1" in done.out  # type: ignore[attr-defined]
+    stem = robots["panda"].description.stem
+    written = f"wrote {stem}_calibrated.urdf, {stem}_calibration.yaml and {stem}_camera.yaml"
+    assert written in done.out  # type: ignore[attr-defined]
     with pytest.raises(MeasurementError, match=r"column 'laser_1.u': pixels need the camera"):
         read_measurements(tmp_path / "m.csv", robots["panda"])
+
+
+def test_the_corrected_camera_repeats_the_fits_figures(
+    robots: dict[str, Robot], camera: Camera, rng: np.random.Generator, run_cli: Callable[..., object], tmp_path: Path
+) -> None:
+    """`evaluate` and `view` of the calibrated URDF with the camera that `fit` wrote have the fit's own errors; with the old one not."""
+    data, _ = in_pixels(robots["panda"], camera, rng)
+    (tmp_path / "old.yaml").write_bytes(camera_yaml(camera))
+    (tmp_path / "m.csv").write_bytes(measurements_csv(replace(data, lasers=(), spots=data.spots[:, :0], sigma=data.sigma[:, :0])))
+    (tmp_path / "arm.urdf").write_bytes(robots["panda"].description.text)
+    fitted = json.loads(run_cli("fit", "arm.urdf", "m.csv", "--camera", "old.yaml", "--no-sag", "--json").out)  # type: ignore[attr-defined]
+    assert fitted["files"]["camera"] == "arm_camera.yaml"
+
+    def after(used: str) -> dict[str, dict[str, float]]:
+        done = run_cli("evaluate", "arm_calibrated.urdf", "m.csv", "--camera", used, "--json")
+        return dict(json.loads(done.out)["after"])  # type: ignore[attr-defined]
+
+    for name, row in after("arm_camera.yaml").items():
+        assert row == pytest.approx(fitted["after"][name], rel=1e-6)
+    assert all(row["mean_px"] > 1.5 * fitted["after"][name]["mean_px"] for name, row in after("old.yaml").items())
+    again = run_cli("fit", "arm.urdf", "m.csv", "--camera", "arm_camera.yaml", "--no-sag")
+    assert again.code == 2  # type: ignore[attr-defined]
+    assert "arm_camera.yaml: is an input of this command; name another output with -o" in again.err  # type: ignore[attr-defined]
+
+
+def test_a_calibration_shows_itself_with_the_camera_that_it_found(
+    robots: dict[str, Robot], camera: Camera, rng: np.random.Generator
+) -> None:
+    """In the view's scene the calibrated robot's spots, seen by the corrected camera, are as far from the pixels as in the fit's table."""
+    data, _ = in_pixels(robots["panda"], camera, rng)
+    found = fit(robots["panda"], data)
+    scene = found.show().scene
+    assert scene.after is not None
+    off = [
+        np.linalg.norm(found.corrected_camera().pixels_of_spots(scene.after.spots[:, laser]) - data.readings[laser].values, axis=1)
+        for laser in range(2)
+    ]
+    np.testing.assert_allclose(np.mean(off, axis=1), [found.after[f"laser_{laser + 1} pixels"].mean for laser in range(2)], rtol=1e-6)
+    metres_per_px = 3.0 / 900
+    assert np.nanmean(scene.errors_mm(scene.after)) < 1.5 * np.mean(off) * metres_per_px * 1e3
+
+
+def test_the_corrected_camera_knows_how_well_its_screen_is_known(
+    robots: dict[str, Robot], camera: Camera, rng: np.random.Generator
+) -> None:
+    """The true placement lies within its covariance; what is held stays as it was calibrated, and metres correct no camera."""
+    robot, (data, _) = robots["panda"], in_pixels(robots["panda"], camera, rng)
+    found = fit(robot, data).corrected_camera()
+    assert camera.T_camera_screen is not None
+    true = camera.T_camera_screen * pin.exp6(pin.Motion(WRONG))
+    off = pin.log6(found.T_camera_screen.actInv(true)).vector
+    assert found.screen_covariance is not None
+    assert off @ np.linalg.solve(found.screen_covariance, off) < 22.5  # chi-square of six, one in a thousand
+    known = replace(camera, screen_covariance=1e-8 * np.eye(6))
+    held = fit(robot, replace(data, camera=known), fix=["camera.*"]).corrected_camera()
+    assert_poses_close(held.T_camera_screen, camera.T_camera_screen)
+    np.testing.assert_array_equal(held.screen_covariance, known.screen_covariance)
+    with pytest.raises(UsageError, match="no laser spots were read as pixels"):
+        fit(robot, as_spots(data)).corrected_camera()
 
 
 def test_a_camera_without_a_screen_is_refused(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:

@@ -14,7 +14,9 @@ import pinocchio as pin
 import pytest
 
 from tests.sensor_cases import CASES, SINGLE, setup_of
+from urdfcal.calibration import fit
 from urdfcal.evaluation import as_measured, evaluate
+from urdfcal.gauge import ModelOptions, ParameterPrior
 from urdfcal.geometry import MM, Matrix
 from urdfcal.instruments import Grid
 from urdfcal.measurement_file import write_measurements
@@ -83,6 +85,20 @@ def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], r
     assert [row.name for row in scene.compared] == list(table)
     for row in scene.compared:
         assert row.means[0] == pytest.approx(table[row.name].mean, rel=1e-6)
+
+
+def test_what_is_said_of_the_instruments_holds_in_the_view(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A known reference and a held offset: the scene has the figures of `evaluate` and of the fit, which others would beat."""
+    robot, data, _ = seen("reference known", robots, rng)
+    options = ModelOptions(reference_known=True, fix=("*panda_link8*",), single={"camera.*": ParameterPrior(fixed=True)})
+    table = evaluate(robot, data, replace(options, single={}))
+    calibration = fit(robot, data, options=replace(options, single={}), sane=False)
+    scene, shown = view_of(robot, data, options=options).scene, calibration.show().scene
+    free = view_of(robot, data).scene.compared
+    for row, again, loose in zip(scene.compared, shown.compared, free, strict=True):
+        assert row.means[0] == pytest.approx(table[row.name].mean, rel=1e-6)
+        assert again.means == pytest.approx((calibration.before[row.name].mean, calibration.after[row.name].mean), rel=1e-4)
+        assert loose.means[0] < 0.9 * row.means[0]
 
 
 @pytest.mark.parametrize("name", DRAWN)
@@ -213,6 +229,8 @@ def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], 
     before, after = drawn(robot, data), drawn(robot, data, true)
     assert before.target_magnification <= 20 < after.target_magnification
     assert replace(after, magnify=3).target_magnification == 3
+    longest = max(np.nanmax(np.linalg.norm(mark.predicted - mark.read, axis=1)) for mark in before.marks)
+    assert before.most_magnification == pytest.approx(before.width / longest)
 
 
 def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
@@ -230,6 +248,20 @@ def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.ra
     refused = run_cli("view", "ur5.urdf", "m.csv", "--html", "w.html", "--reference", "nowhere")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert not (tmp_path / "w.html").exists()
+
+
+def test_the_command_heeds_rig_yaml(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """With `reference_known` the page's mean errors are those of `evaluate` with the same file."""
+    setup = setup_of(CASES["point"], robots, rng)
+    write_measurements(tmp_path / "m.csv", simulate_readings(setup, 40, rng))
+    (tmp_path / "ur5.urdf").write_bytes(setup.robot.description.text)
+    (tmp_path / "rig.yaml").write_text("reference: base_link\nreference_known: true\n")
+    done = run_cli("evaluate", "ur5.urdf", "m.csv", "--rig", "rig.yaml", "--json")
+    expected = [row["mean_mm"] for row in json.loads(done.out)["before"].values()]
+    assert run_cli("view", "ur5.urdf", "m.csv", "--rig", "rig.yaml", "--html", "v.html").code == 0
+    found = [float(mean) for mean in re.findall(r"<td>([\d.]+)</td>", (tmp_path / "v.html").read_text())]
+    assert found == pytest.approx(expected, rel=5e-3)
+    assert max(found) > 50  # the frame that was simulated stands elsewhere
 
 
 def test_a_robot_that_nothing_measures_is_shown_alone(example_robots: Path) -> None:

@@ -220,6 +220,21 @@ def test_arrows_are_not_longer_than_the_screen(robots: dict[str, Robot]) -> None
     assert Scene(robots["arm7"], None, data, 7).magnification == 7
 
 
+def test_arrows_longer_than_the_scene_are_said(robots: dict[str, Robot]) -> None:
+    """What is asked for is drawn, with the length that comes of it and a magnification that fits; what fits is not spoken of."""
+    data, _ = measured(robots["arm7"], 20)
+    warned = view_of(robots["arm7"], data, magnify=5000.0)
+    found = re.fullmatch(
+        r"arrows 5000 times longer than the errors are up to ([\d.]+) times as long as the scene; up to (\d+) times they fit",
+        *warned.warnings,
+    )
+    assert found
+    longest = np.nanmax(warned.scene.errors_mm(warned.scene.before)) / 1e3
+    assert float(found[1]) == pytest.approx(5000 * longest / warned.scene.sheet.size, abs=0.06)
+    assert longest * float(found[2]) <= warned.scene.sheet.size < longest * 2 * float(found[2])
+    assert view_of(robots["arm7"], data, magnify=float(found[2])).warnings == ()
+
+
 def test_the_page_is_whole_and_the_same_every_time(small_view: View) -> None:
     """Nothing is loaded from elsewhere, nothing of this machine is in it, and the same scene gives the same bytes."""
     page = small_view.html
@@ -273,15 +288,27 @@ def test_in_a_notebook_the_view_is_an_inline_frame(small_view: View) -> None:
     assert frame.count('"') == 6
 
 
-def test_a_calibration_shows_itself(robots: dict[str, Robot]) -> None:
-    """`Calibration.show()` puts before and after into one scene, with the distances of the fit's own table."""
+def test_a_view_is_a_line_where_it_is_printed(small_view: View) -> None:
+    """What it is of, and how to look at it, in place of meshes and arrays."""
+    assert repr(small_view) == "<View of small, before and after: 6 poses; .serve() or .write_html(FILE) to look at it>"
+    alone = view_of(small_view.scene.robot)
+    assert repr(alone) == "<View of small, as its URDF has it: 1 pose; .serve() or .write_html(FILE) to look at it>"
+
+
+def test_a_calibration_shows_itself(robots: dict[str, Robot], tmp_path: Path) -> None:
+    """Before and after in one scene, with the distances of the fit's own table; loaded from its file it asks for robot and data."""
     robot = robots["arm7"]
-    calibration = urdfcal.fit(robot, urdfcal.read_measurements(ARM7 / "measurements.csv", robot))
-    scene = calibration.show().scene
-    assert scene.after is not None
-    for beams, table in ((scene.before, calibration.before), (scene.after, calibration.after)):
-        means = np.nanmean(scene.errors_mm(beams), axis=0)
-        np.testing.assert_allclose(means, [table[laser].mean for laser in scene.data.lasers], atol=1e-6)
+    data = urdfcal.read_measurements(ARM7 / "measurements.csv", robot)
+    calibration = urdfcal.fit(robot, data)
+    calibration.write(tmp_path / "c.yaml")
+    stored = urdfcal.load_calibration(tmp_path / "c.yaml")
+    assert repr(stored) == f"<StoredCalibration {tmp_path / 'c.yaml'}: {', '.join(stored.corrections)}>"
+    for scene in (calibration.show().scene, stored.show(robot, calibration.data).scene):
+        assert scene.after is not None
+        for beams, table in ((scene.before, calibration.before), (scene.after, calibration.after)):
+            means = np.nanmean(scene.errors_mm(beams), axis=0)
+            np.testing.assert_allclose(means, [table[laser].mean for laser in scene.data.lasers], atol=1e-6)
+    assert len(stored.show(robot).scene.data) == 1
 
 
 def test_without_measurements_a_pose_with_all_beams_on_the_screen_is_shown(robots: dict[str, Robot]) -> None:
@@ -380,6 +407,8 @@ def test_the_command_writes_the_page(run_cli: Run, tmp_path: Path) -> None:
         (["--calibrated", "none.yaml", "--html", "v.html"], "none.yaml: cannot be read"),
         (["--calibrated", "none.urdf", "--html", "v.html"], "none.urdf: cannot be read"),
         (["--port", "99999"], "--port 99999"),
+        (["--port", "8000", "--html", "v.html"], "--port and --host are about serving"),
+        (["--host", "127.0.0.1", "--html", "v.html"], "--port and --host are about serving"),
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_nothing_written(run_cli: Run, tmp_path: Path, words: list[str], said: str) -> None:

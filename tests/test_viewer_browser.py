@@ -59,10 +59,10 @@ def browser() -> Iterator[Browser]:
         yield opened
 
 
-def measured(robot: Robot, count: int) -> tuple[Measurements, Robot]:
-    """Simulated measurements, 0.3 mm of noise, and the robot that made them."""
+def measured(robot: Robot, count: int, share: float = 1.0) -> tuple[Measurements, Robot]:
+    """Simulated measurements, 0.3 mm of noise, and the robot that made them; errors are a share of 6 mm and 0.6 deg."""
     rng = np.random.default_rng(5)
-    errors, truth = random_truth(robot, rng, 6e-3, np.radians(0.6))
+    errors, truth = random_truth(robot, rng, share * 6e-3, share * np.radians(0.6))
     q = draw_poses(robot, errors, truth, count, rng, area=ScreenArea(1.5))
     data = simulate(robot, errors, truth, q, rng, SimulatedNoise(3e-4))
     return data, robot_from(replace(robot.description, text=with_origins(robot.description, errors.corrected_origins(truth))))
@@ -403,3 +403,17 @@ def test_a_small_window_folds_the_legend(browser: Browser, arm7_page: Path) -> N
         assert browser.run("document.getElementById('panel').offsetHeight") > 300
     finally:
         browser.resize(WIDTH, HEIGHT)
+
+
+def test_beams_keep_their_colours_beside_uncalibrated_ones(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
+    """After a small calibration both run side by side: the uncalibrated ones hide little of the calibrated ones' colours."""
+    robot = robots["ur5"]
+    data, corrected = measured(robot, 3, 0.1)
+    view_of(robot, data, corrected).write_html(tmp_path / "ur5.html")
+    browser.open(tmp_path / "ur5.html")
+    counts = []
+    for wanted in (("beams",), ("beams", "nominal beams")):
+        show_only(browser, *wanted)
+        picture = browser.picture()
+        counts.append([coloured(picture, colour, 30).sum() for colour in BEAMS])
+    assert (np.array(counts[1]) > 0.9 * np.array(counts[0])).all()

@@ -15,8 +15,6 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from urdfcal.calibration import Calibration, fit
-    from urdfcal.calibration_file import StoredCalibration, apply
-    from urdfcal.calibration_file import read_calibration as load_calibration
     from urdfcal.compensation import load_compensation
     from urdfcal.errors import FitRejected, InputError, UrdfcalError
     from urdfcal.evaluation import evaluate
@@ -27,14 +25,16 @@ if TYPE_CHECKING:
     from urdfcal.online import OnlineCalibrator
     from urdfcal.robot import Robot, load_robot
     from urdfcal.sag import fit_sag
+    from urdfcal.stored_calibration import StoredCalibration, apply
+    from urdfcal.stored_calibration import read_calibration as load_calibration
 
 _HOME = {
     "Calibration": "calibration",
     "evaluate": "evaluation",
     "fit": "calibration",
-    "StoredCalibration": "calibration_file",
-    "apply": "calibration_file",
-    "load_calibration": "calibration_file",
+    "StoredCalibration": "stored_calibration",
+    "apply": "stored_calibration",
+    "load_calibration": "stored_calibration",
     "FitRejected": "errors",
     "InputError": "errors",
     "UrdfcalError": "errors",

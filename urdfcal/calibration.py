@@ -6,12 +6,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from urdfcal.calibration_file import calibration_yaml
-from urdfcal.corrections import applied
+from urdfcal.corrections import Applicable
 from urdfcal.error_model import PriorScale
 from urdfcal.error_table import error_table
 from urdfcal.errors import ShapeMismatch, UsageError
@@ -27,7 +27,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.method import USUAL_Q, USUAL_R, Method
 from urdfcal.nominal import with_new_places
 from urdfcal.outliers import without_gross_outliers
-from urdfcal.pixel_start import require_screen_of_camera
+from urdfcal.pixel_start import corrected_camera, in_pixels, require_screen_of_camera
 from urdfcal.report import text_report
 from urdfcal.robot import Robot, robot_from
 from urdfcal.scatter import extra_noise, in_words, scattering, stating_kinds, widened, without_stated_noise
@@ -37,34 +37,17 @@ from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
     from urdfcal.viewer import View
+    from urdfcal.vision.camera_model import Camera
 
 
 @dataclass(frozen=True, repr=False)
-class Calibration(FitResult):
+class Calibration(FitResult, Applicable):
     """What a fit found, and what can be done with it."""
 
     @classmethod
     def of(cls, found: FitResult) -> Calibration:
         """The same, with what can be done with it."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
-
-    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
-        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
-
-        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
-        URDF had been read, so the corrected model costs what the nominal one costs.
-
-        Args:
-            model: `pin.Model`; left unchanged.
-            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
-
-        Returns:
-            The corrected model; with geometry models the tuple (model, *geometry_models).
-
-        Raises:
-            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
-        """
-        return applied(model, geometry_models, self.corrections)
 
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""
@@ -89,10 +72,21 @@ class Calibration(FitResult):
 
     def show(self, magnify: float | None = None) -> View:
         """Robot, beams and fitted spots before and after, to look at: at the end of a notebook's cell, or by `serve()` in a browser."""
+        from urdfcal.view.target_scene import held_instruments
         from urdfcal.viewer import view_of
 
         corrected = robot_from(replace(self.robot.description, text=self.urdf()), screen=self.robot.screen, lasers=self.robot.lasers)
-        return view_of(self.robot, self.data, corrected, magnify)
+        data = replace(self.data, camera=self.corrected_camera()) if in_pixels(self.data) else self.data
+        return view_of(self.robot, data, corrected, magnify, held_instruments(self.errors, self.data.instruments.places))
+
+    def corrected_camera(self) -> Camera:
+        """The camera that read laser spots as pixels, with the screen where the fit found it: the one for the calibrated robot.
+
+        Raises:
+            UsageError: no laser spots were read as pixels.
+        """
+        camera: Camera = corrected_camera(self.data, self.errors, self.estimate.belief)
+        return camera
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""

@@ -1,158 +1,24 @@
-"""The calibration as a file: origins, parameters, combinations and where they come from; and putting it on a robot again."""
+"""The calibration as a file: origins, parameters, combinations and where they come from."""
 
 from __future__ import annotations
 
 import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from urdfcal import __version__
-from urdfcal.corrections import OriginCorrection, applied, same_origin
+from urdfcal.corrections import OriginCorrection
 from urdfcal.error_table import SpotTable
-from urdfcal.errors import CalibrationFileError, did_you_mean
-from urdfcal.files import read_yaml
 from urdfcal.fit_result import FitResult
-from urdfcal.geometry import DEG, MM, SE3, distance_mm_mrad, pose, xyz_rpy
+from urdfcal.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.robot import Robot
 from urdfcal.spot_model import kinds_of
-from urdfcal.urdf_tree import FARTHEST
-
-Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
-Triple = tuple[Finite, Finite, Finite]
-
-
-class _Loose(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class OriginEntry(_Loose):
-    """xyz in metres, rpy in radians."""
-
-    xyz: Triple
-    rpy: Triple
-
-    def placement(self) -> SE3:
-        """As a placement."""
-        return pose(np.array(self.xyz), np.array(self.rpy))
-
-
-class JointEntry(_Loose):
-    """One calibrated joint."""
-
-    moves: bool
-    nominal: OriginEntry
-    corrected: OriginEntry
-
-
-class CalibrationEntries(_Loose):
-    """The part of the file that is read back."""
-
-    joints: dict[str, JointEntry] = Field(min_length=1)
-
-
-@dataclass(frozen=True)
-class StoredCalibration:
-    """A calibration read from its file.
-
-    Attributes:
-        path: The file.
-        corrections: Nominal and corrected origin by joint name.
-    """
-
-    path: Path
-    corrections: dict[str, OriginCorrection]
-
-    def apply_to(self, model: Any, *geometry_models: Any) -> Any:
-        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
-
-        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
-        URDF had been read, so the corrected model costs what the nominal one costs.
-
-        Args:
-            model: `pin.Model`; left unchanged.
-            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
-
-        Returns:
-            The corrected model; with geometry models the tuple (model, *geometry_models).
-
-        Raises:
-            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
-        """
-        return applied(model, geometry_models, self.corrections)
-
-    def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
-        """The origins to write into a robot description that may have changed elsewhere.
-
-        An origin that equals the nominal one gets the corrected one; one that already equals the corrected one stays.
-
-        Args:
-            robot: The target.
-            force: Where an origin is neither, put the correction on top of it.
-
-        Returns:
-            Origins by joint name, and the calibrated joints that the target does not have.
-
-        Raises:
-            CalibrationFileError: the target is calibrated already, lacks a moving joint, or has an origin that is neither.
-        """
-        present = robot.tree.joints
-        origins, already, missing = {}, 0, []
-        for name, correction in self.corrections.items():
-            if name not in present:
-                if correction.moving:
-                    raise CalibrationFileError(
-                        f"the robot {robot.description.path} has no joint '{name}'{did_you_mean(name, present)}", self.path
-                    )
-                missing.append(name)
-                continue
-            origin = present[name].origin
-            if same_origin(origin, correction.nominal):
-                origins[name] = correction.corrected
-            elif same_origin(origin, correction.corrected):
-                already += 1
-            elif force:
-                origins[name] = origin * correction.delta
-            else:
-                off_mm, off_mrad = distance_mm_mrad(origin, correction.nominal)
-                raise CalibrationFileError(
-                    f"joint '{name}' of {robot.description.path} is neither at its nominal nor at its corrected origin "
-                    f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
-                    self.path,
-                )
-        if already and all(same_origin(self.corrections[name].nominal, origin) for name, origin in origins.items()):
-            raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
-        if not origins:
-            raise CalibrationFileError(
-                f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path
-            )
-        return origins, missing
-
-
-def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:
-    """Corrected copies of a Pinocchio model and of its geometry models, by a fit, a stored calibration or the path of one.
-
-    Args:
-        model: `pin.Model` of the robot; left unchanged.
-        calibration: What `fit` or `load_calibration` gave, or a file that `urdfcal fit` wrote.
-        geometry_models: `pin.GeometryModel`s of it; left unchanged.
-
-    Returns:
-        The corrected model; with geometry models the tuple (model, *geometry_models).
-
-    Raises:
-        CalibrationFileError: the file is no calibration.
-        RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
-    """
-    found = read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
-    return applied(model, geometry_models, found.corrections)
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
@@ -205,28 +71,6 @@ def truth_yaml(
         "parameters": {name: {"value": float(value)} for name, value in values.items()},
     }
     return _yaml("The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
-
-
-def read_calibration(path: str | Path) -> StoredCalibration:
-    """Read a calibration or the truth of a simulation.
-
-    Raises:
-        CalibrationFileError: the file is not one.
-    """
-    path = Path(path)
-    file = read_yaml(path, CalibrationFileError)
-    if not isinstance(file.content, dict) or "joints" not in file.content:
-        raise CalibrationFileError("is no calibration: it has no entry 'joints'; expected a file written by urdfcal fit or simulate", path)
-    try:
-        entries = CalibrationEntries.model_validate(file.content)
-    except ValidationError as error:
-        found = error.errors()[0]
-        raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path, file.line(found["loc"])) from None
-    corrections = {
-        name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
-        for name, entry in entries.joints.items()
-    }
-    return StoredCalibration(path, corrections)
 
 
 def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:

@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import pinocchio as pin
 
-from urdfcal.errors import RobotError, did_you_mean
+from urdfcal.errors import RobotError, UsageError, did_you_mean
 from urdfcal.geometry import SE3, distance_mm_mrad
 
 SAME = 1e-6  # [mm] and [mrad]: closer than that two origins are the same
@@ -49,11 +49,42 @@ def same_origin(a: SE3, b: SE3) -> bool:
     return max(distance_mm_mrad(a, b)) < SAME
 
 
+class _Corrected(Protocol):
+    """What holds corrected origins."""
+
+    @property
+    def corrections(self) -> Mapping[str, OriginCorrection]:
+        """By URDF joint name."""
+
+
+class Applicable:
+    """What can be put on a Pinocchio model: a fit's result, or one that is read from its file."""
+
+    def apply_to(self: _Corrected, model: Any, *geometry_models: Any) -> Any:
+        """Corrected copies of a Pinocchio model of this robot and of its geometry models; for a controller.
+
+        The model may be without the rig, free-flying, or reduced. Joints, frames and inertias come out as if the calibrated
+        URDF had been read, so the corrected model costs what the nominal one costs.
+
+        Args:
+            model: `pin.Model`; left unchanged.
+            geometry_models: `pin.GeometryModel`s of it (visual, collision); left unchanged.
+
+        Returns:
+            The corrected model; with geometry models the tuple (model, *geometry_models).
+
+        Raises:
+            UsageError: something else than Pinocchio's models is given, such as a `Robot`.
+            RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
+        """
+        return applied(model, geometry_models, self.corrections)
+
+
 def applied(model: Any, geometry_models: Sequence[Any], corrections: Mapping[str, OriginCorrection]) -> Any:
     """The corrected model alone or, where geometry models come with it, the tuple of all: what `apply_to` gives back.
 
     Raises:
-        RobotError: as for `corrected_models`.
+        UsageError, RobotError: as for `corrected_models`.
     """
     corrected = corrected_models(model, geometry_models, corrections)
     return corrected if geometry_models else corrected[0]
@@ -67,6 +98,7 @@ def corrected_model(model: Any, corrections: Mapping[str, OriginCorrection]) -> 
         corrections: By URDF joint name. Fixed joints that the model does not have are passed over.
 
     Raises:
+        UsageError: something else than a Pinocchio model is given.
         RobotError: the model lacks a moving joint that was calibrated, is corrected already, or has a joint elsewhere.
     """
     return corrected_models(model, (), corrections)[0]
@@ -81,11 +113,21 @@ def corrected_models(model: Any, geometry_models: Sequence[Any], corrections: Ma
         corrections: By URDF joint name.
 
     Raises:
+        UsageError: something else than Pinocchio's models is given.
         RobotError: as for `corrected_model`, or a geometry model belongs to another model.
     """
+    _require_models(model, geometry_models)
     _require_joints(model, corrections)
     shifts = _Shifts(model, corrections)
     return (shifts.moved_model(), *(shifts.moved_geometry(geometry) for geometry in geometry_models))
+
+
+def _require_models(model: Any, geometry_models: Sequence[Any]) -> None:
+    if not isinstance(model, pin.Model):
+        raise UsageError(f"found a {type(model).__name__} where the Pinocchio model belongs; expected a pin.Model, such as robot.model")
+    for geometry in geometry_models:
+        if not isinstance(geometry, pin.GeometryModel):
+            raise UsageError(f"found a {type(geometry).__name__} behind the model; expected a pin.GeometryModel, of shapes or collisions")
 
 
 def _require_joints(model: Any, corrections: Mapping[str, OriginCorrection]) -> None:

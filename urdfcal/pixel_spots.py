@@ -80,7 +80,7 @@ class PixelSpots:
         source, direction = motion.source[:, self.laser], motion.direction[:, self.laser]
         spots, _ = spots_on_screen(source[:, None], direction[:, None])
         spots = np.where(np.isfinite(spots), spots, 0.0)
-        T_camera_pose, columns, twists = self._camera_at(x)
+        T_camera_pose, columns, twists = screen_before(self.camera.T_camera_screen, self.errors, x)
         on_screen = np.concatenate([np.zeros((len(spots), 1)), spots[:, 0]], axis=1)
         points = on_screen @ T_camera_pose.rotation.T + T_camera_pose.translation
         by_point = self.camera.project_jacobian(points)
@@ -95,16 +95,17 @@ class PixelSpots:
         residual = np.where(measured, self.data.values[rows] - self.camera.project(points), 0.0)
         return residual, jacobian, jac2 @ motion.joint_jacobian
 
-    def _camera_at(self, x: Vector) -> tuple[SE3, list[int], Matrix]:
-        """T_camera_screen with its errors, and their twists in camera axes at the camera, (6, k), by column of x."""
-        column = {name: index for index, name in enumerate(self.errors.names)}
-        placement: Any = self.camera.T_camera_screen
-        columns, twists = [], []
-        for name, screw in zip(SIX, six_screws().T, strict=True):
-            motion, full = pin.Motion(screw), f"camera.{name}"
-            value = x[column[full]] if full in column else self.errors.held.get(full, 0.0)
-            if full in column:
-                columns.append(column[full])
-                twists.append(placement.act(motion).vector)
-            placement = placement * pin.exp6(motion * float(value))
-        return placement, columns, np.array(twists).reshape(-1, 6).T
+
+def screen_before(T_camera_screen: SE3, errors: ErrorModel, x: Vector) -> tuple[SE3, list[int], Matrix]:
+    """T_camera_screen with the camera's errors at x, and their twists in camera axes at the camera, (6, k), by column of x."""
+    column = {name: index for index, name in enumerate(errors.names)}
+    placement: Any = T_camera_screen
+    columns, twists = [], []
+    for name, screw in zip(SIX, six_screws().T, strict=True):
+        motion, full = pin.Motion(screw), f"camera.{name}"
+        value = x[column[full]] if full in column else errors.held.get(full, 0.0)
+        if full in column:
+            columns.append(column[full])
+            twists.append(placement.act(motion).vector)
+        placement = placement * pin.exp6(motion * float(value))
+    return placement, columns, np.array(twists).reshape(-1, 6).T

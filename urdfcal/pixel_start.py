@@ -1,8 +1,9 @@
-"""Where to begin with spots that were read as pixels."""
+"""Spots that were read as pixels: where a fit of them begins, and the camera that it leaves."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from urdfcal.geometry import Vector
 from urdfcal.measurements import Measurements
 from urdfcal.method import Method
 from urdfcal.noise import Noise
+from urdfcal.pixel_spots import screen_before
 from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.spot_model import model_for
 
@@ -54,3 +56,23 @@ def as_spots(data: Measurements) -> Measurements:
         spots[rows, laser] = data.camera.spots_of_pixels(each.values[rows])
         sigma[rows, laser] = np.nan
     return replace(data, spots=spots, sigma=sigma, readings=(), lengths=())
+
+
+def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> Any:
+    """The camera that read spots as pixels, with the screen where a fit found it, and the covariance that the fit has for that.
+
+    Args:
+        data: What was fitted; its camera stays as it is.
+        errors: The error model of the fit; where it holds all of the screen's place, the covariance is the camera's own.
+        belief: What came out.
+
+    Raises:
+        UsageError: no spots were read as pixels.
+    """
+    if not in_pixels(data):
+        raise UsageError("no laser spots were read as pixels, so the fit corrects no camera")
+    camera: Any = data.camera
+    T_camera_screen, columns, twists = screen_before(camera.T_camera_screen, errors, belief.x)
+    in_screen = T_camera_screen.toActionMatrixInverse() @ twists
+    covariance = in_screen @ belief.P[np.ix_(columns, columns)] @ in_screen.T if columns else camera.screen_covariance
+    return replace(camera, T_camera_screen=T_camera_screen, screen_rms=None, screen_covariance=covariance)

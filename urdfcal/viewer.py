@@ -17,6 +17,7 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.evaluation import as_measured
 from urdfcal.files import write_whole
+from urdfcal.gauge import ModelOptions
 from urdfcal.instruments import Instruments, Target
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.pixel_start import as_spots, in_pixels, require_screen_of_camera
@@ -30,7 +31,7 @@ from urdfcal.view.view_server import PageServer
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class View:
     """A scene that can be looked at.
 
@@ -58,13 +59,25 @@ class View:
         """Serve the page from now on, on this port or the next free one; its `url` is where, and it stops at `close()`."""
         return PageServer(self.html.encode(), host, port)
 
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds meshes and every pose."""
+        robots = "before and after" if self.scene.calibrated is not None else "as its URDF has it"
+        poses = "1 pose" if len(self.scene.data) == 1 else f"{len(self.scene.data)} poses"
+        return f"<{type(self).__name__} of {self.scene.robot.name}, {robots}: {poses}; .serve() or .write_html(FILE) to look at it>"
+
     def _repr_html_(self) -> str:
         """In a notebook."""
         frame = "width: 100%; height: 640px; border: 1px solid #d5dade; border-radius: 6px"
         return f'<iframe title="urdfcal view" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
 
 
-def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | None = None, magnify: float | None = None) -> View:
+def view_of(
+    robot: Robot,
+    data: Measurements | None = None,
+    calibrated: Robot | None = None,
+    magnify: float | None = None,
+    options: ModelOptions | None = None,
+) -> View:
     """Put robot, beams, screen, spots and targets into a scene.
 
     Args:
@@ -72,6 +85,7 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
         data: What was measured; without it, one pose is shown, with every beam on the screen if there is such a pose.
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
+        options: Of which only what concerns the instruments matters, as for `evaluate`.
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
@@ -93,9 +107,9 @@ def view_of(robot: Robot, data: Measurements | None = None, calibrated: Robot | 
         rows = rows.subset(rows.sessions == first)
         whose = "the calibrated robot has the screen" if not rows.readings else "the scene has the measuring frame"
         said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
-    scene = Scene(robot, calibrated, rows, magnify)
+    scene = Scene(robot, calibrated, rows, magnify, options)
     shapes = robot_shapes(scene.solid)
-    return View(scene, shapes, (*said, *_missing(scene), *shapes.warnings))
+    return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
 
 
 def _to_its_tip(robot: Robot) -> Robot:
@@ -122,6 +136,18 @@ def _missing(scene: Scene) -> list[str]:
     return [
         f"{scene.data.where(int(pose))}: {scene.data.lasers[laser]} was seen, but in the robot that is drawn its beam misses the screen "
         f"({np.count_nonzero(lost)} such spots)"
+    ]
+
+
+def _overlong(scene: Scene) -> list[str]:
+    most = scene.most_magnification
+    if scene.magnify is None or scene.magnify <= most:
+        return []
+    decade = 10.0 ** np.floor(np.log10(most))
+    fits, over = float(np.floor(most / decade) * decade), scene.magnify / most
+    return [
+        f"arrows {scene.magnify:g} times longer than the errors are up to {over:.1f} times as long as the scene; "
+        f"up to {fits:g} times they fit"
     ]
 
 

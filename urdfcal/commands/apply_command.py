@@ -37,9 +37,9 @@ def apply(
     """Put a stored calibration on a robot description (again)."""
     import numpy as np
 
-    from urdfcal.calibration_file import read_calibration
     from urdfcal.files import write_together
     from urdfcal.formats import Deployed, deployment
+    from urdfcal.stored_calibration import read_calibration
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off

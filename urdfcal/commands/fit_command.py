@@ -153,7 +153,7 @@ def fit(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Calibrate: write a corrected URDF and <stem>_calibration.yaml next to it, print the before/after table."""
+    """Calibrate: write a corrected URDF, next to it <stem>_calibration.yaml and, of pixels, <stem>_camera.yaml; print the errors."""
     from dataclasses import replace
 
     import numpy as np
@@ -163,6 +163,7 @@ def fit(
     from urdfcal.extras import Extras, predicted_spots, workspace_accuracy
     from urdfcal.files import write_together
     from urdfcal.gauge import laid_over
+    from urdfcal.pixel_start import in_pixels
     from urdfcal.prediction import base_link
     from urdfcal.report import calibration_blocks, calibration_json
     from urdfcal.sag_report import sag_blocks, sag_json
@@ -176,11 +177,14 @@ def fit(
     rig_file = rig_file_of(rig)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
-    require_places(*outputs.places.values(), inputs=(robot, measurements, rig, test, ur_hash_from, camera))
+    inputs = (robot, measurements, rig, test, ur_hash_from, camera)
+    require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
     wish = sag_wish(sag, gravity, payload, also)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
+    outputs = replace(outputs, camera=in_pixels(data))
+    require_places(*outputs.places.values(), inputs=inputs)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:

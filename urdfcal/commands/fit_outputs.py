@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from urdfcal import __version__
+from urdfcal.calibration_file import sha256
 from urdfcal.errors import UsageError
 from urdfcal.evidence import LEAST_POSES
 from urdfcal.formats import Deployment, deployment
@@ -30,16 +32,20 @@ class Outputs:
         plan: Deployed formats and their places.
         reports: Those that are wanted.
         compensation: The compensation, if one is wanted; its URDF stands beside it.
+        camera: Whether laser spots were read as pixels, so that the fit corrects the camera, too.
     """
 
     plan: Deployment
     reports: tuple[Path, ...] = ()
     compensation: Path | None = None
+    camera: bool = False
 
     @property
     def places(self) -> dict[str, Path]:
         """Every file by what it is."""
-        places = {**self.plan.places, "calibration": self.plan.main.parent / f"{self.plan.stem}_calibration.yaml"}
+        beside = self.plan.main.parent
+        places = {**self.plan.places, "calibration": beside / f"{self.plan.stem}_calibration.yaml"}
+        places |= {"camera": beside / f"{self.plan.stem}_camera.yaml"} if self.camera else {}
         places |= {f"report {number}" if number > 1 else "report": path for number, path in enumerate(self.reports, start=1)}
         return places | (
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
@@ -51,8 +57,10 @@ class Outputs:
         Raises:
             UsageError: a compensation is wanted, and there is nothing to compensate.
         """
-        deployed, places = calibration.deployed(rng), self.places
-        files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: calibration.record(sys.argv)}
+        deployed, places, record = calibration.deployed(rng), self.places, calibration.record(sys.argv)
+        files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: record}
+        if self.camera:
+            files[places["camera"]] = _camera_file(calibration, record)
         files |= {report: report_bytes(report, calibration, sys.argv, sag) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
@@ -62,6 +70,13 @@ class Outputs:
             urdf, text = sag.files(places["compensated_urdf"].name)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
         return files, list(deployed.warnings(self.plan))
+
+
+def _camera_file(calibration: Calibration, record: bytes) -> bytes:
+    """The corrected camera, with the hash of the calibration that it goes with."""
+    from urdfcal.vision.camera_file import camera_yaml
+
+    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, "calibration_sha256": sha256(record)})
 
 
 def planned(

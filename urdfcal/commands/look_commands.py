@@ -150,13 +150,13 @@ def dh(
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
     from dataclasses import replace
 
-    from urdfcal.calibration_file import read_calibration
     from urdfcal.dh import dh_table
     from urdfcal.gauge import build_error_model
     from urdfcal.instruments import Instruments
     from urdfcal.instruments import Target as InstrumentTarget
     from urdfcal.report import carried_lines, dh_block, dh_json
     from urdfcal.robot import robot_from
+    from urdfcal.stored_calibration import read_calibration
     from urdfcal.urdf_writer import with_origins
 
     if reference is not None and tip is None:

@@ -150,15 +150,11 @@ def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:
-    from dataclasses import replace
 
-    from urdfcal.calibration_file import read_calibration
-    from urdfcal.robot import robot_from
-    from urdfcal.urdf_writer import with_origins
+    from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     origins, _ = read_calibration(calibrated).origins_for(arm)
-    text = with_origins(arm.description, origins)
-    return robot_from(replace(arm.description, text=text), screen=arm.screen, lasers=arm.lasers)
+    return corrected_robot(arm, origins)
 
 
 def _names(labels: list[str]) -> list[str]:

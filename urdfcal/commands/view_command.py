@@ -25,10 +25,13 @@ from urdfcal.commands.options import (
     Verbose,
     XacroArgs,
 )
+from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
     from urdfcal.robot import Robot
     from urdfcal.viewer import View
+
+_PORT, _HOST = 7000, "127.0.0.1"
 
 
 def view(
@@ -57,10 +60,22 @@ def view(
             metavar="TIMES", help="How many times longer arrows are than errors. Default: 20, less where they are long.", show_default=False
         ),
     ] = None,
-    port: Annotated[int, typer.Option(metavar="N", help="Port to serve on; the next free one where it is taken, 0 for any.")] = 7000,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help=f"Port to serve on; the next free one where it is taken, 0 for any. Default: {_PORT}.",
+            show_default=False,
+        ),
+    ] = None,
     host: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Address to listen on; 0.0.0.0 lets every machine in the network look.")
-    ] = "127.0.0.1",
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help=f"Address to listen on; 0.0.0.0 lets every machine in the network look. Default: {_HOST}.",
+            show_default=False,
+        ),
+    ] = None,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     screen: Screen = None,
     laser: Lasers = None,
@@ -77,6 +92,8 @@ def view(
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
     from urdfcal.viewer import view_of
 
+    if html is not None and (port is not None or host is not None):
+        raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
     rig_file = rig_file_of(rig)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
@@ -84,11 +101,11 @@ def view(
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
     other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
-    seen = view_of(arm, data, other, magnify)
+    seen = view_of(arm, data, other, magnify, rig_file.options())
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
-        _serve(seen, host, port, no_open, as_json, quiet)
+        _serve(seen, _HOST if host is None else host, _PORT if port is None else port, no_open, as_json, quiet)
         return
     seen.write_html(html)
     size = len(seen.html.encode())
@@ -96,18 +113,15 @@ def view(
 
 
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
-    from dataclasses import replace
 
-    from urdfcal.calibration_file import read_calibration
-    from urdfcal.robot import robot_from
-    from urdfcal.urdf_writer import with_origins
+    from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     if path.suffix.lower() not in (".yaml", ".yml"):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None)
     origins, missing = read_calibration(path).origins_for(arm)
     if missing:
         warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    return robot_from(replace(arm.description, text=with_origins(arm.description, origins)), screen=arm.screen, lasers=arm.lasers)
+    return corrected_robot(arm, origins)
 
 
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:

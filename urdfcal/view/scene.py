@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, laser_motion
+from urdfcal.gauge import ModelOptions
 from urdfcal.geometry import MM, SE3, Array3, Matrix, Vector
 from urdfcal.measurements import Mask, Measurements
 from urdfcal.robot import Robot
@@ -103,12 +104,14 @@ class Scene:
         calibrated: As it was found to be, or None.
         data: Joint positions and measured spots.
         magnify: How many times the arrows of the last robot's errors are longer than the errors; None to choose.
+        options: What is said of the instruments.
     """
 
     robot: Robot
     calibrated: Robot | None
     data: Measurements
     magnify: float | None = None
+    options: ModelOptions | None = None
 
     @property
     def solid(self) -> Robot:
@@ -159,15 +162,32 @@ class Scene:
         """How many times longer the arrows of the drawn robot's errors are than the errors."""
         if self.magnify is not None:
             return self.magnify
-        errors = np.linalg.norm(self.shown.spots - self.data.spots, axis=-1)[self.data.seen & self.lands(self.shown)]
-        usual = float(np.quantile(errors, 0.9)) if len(errors) else 0.0
+        usual = float(np.quantile(self._spot_errors, 0.9)) if len(self._spot_errors) else 0.0
         return next((times for times in MAGNIFICATIONS if times * usual < _LONGEST_ARROW * self.sheet.size), 1.0)
+
+    @cached_property
+    def _spot_errors(self) -> Vector:
+        """Lengths of the drawn robot's errors at spots that have an arrow, [m]."""
+        return np.asarray(np.linalg.norm(self.shown.spots - self.data.spots, axis=-1)[self.data.seen & self.lands(self.shown)])
+
+    @cached_property
+    def _target_errors(self) -> Vector:
+        """The same at targets, [m]."""
+        errors = np.concatenate([mark.predicted - mark.read for mark in self.marks if mark.is_point] or [np.empty((0, 3))])
+        return np.asarray(np.linalg.norm(errors[~np.isnan(errors[:, 0])], axis=1))
+
+    @property
+    def most_magnification(self) -> float:
+        """From which on the longest arrow is longer than the screen, or than the targets' marks are apart."""
+        longest = [(self.sheet.size, self._spot_errors)] if self.data.lasers else []
+        longest += [(self.width, self._target_errors)] if self.marks else []
+        return min((room / float(errors.max()) for room, errors in longest if errors.any()), default=np.inf)
 
     @cached_property
     def targets(self) -> tuple[PlacedTargets, ...]:
         """The nominal robot with its instruments placed, then the calibrated one; empty where there are lasers alone."""
         robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
-        return tuple(placed_targets(robot, self.data) for robot in robots) if self.data.readings else ()
+        return tuple(placed_targets(robot, self.data, self.options) for robot in robots) if self.data.readings else ()
 
     @property
     def marks(self) -> tuple[Mark, ...]:
@@ -197,9 +217,7 @@ class Scene:
         """How many times longer the arrows of the drawn robot's errors at targets are than the errors."""
         if self.magnify is not None:
             return self.magnify
-        errors = np.concatenate([mark.predicted - mark.read for mark in self.marks if mark.is_point] or [np.zeros((1, 3))])
-        length = np.linalg.norm(errors[~np.isnan(errors[:, 0])], axis=1)
-        usual = float(np.quantile(length, 0.9)) if len(length) else 0.0
+        usual = float(np.quantile(self._target_errors, 0.9)) if len(self._target_errors) else 0.0
         return next((times for times in _TARGET_MAGNIFICATIONS if times * usual < _LONGEST_TARGET_ARROW * self.width), 1.0)
 
     def shifted(self, phase: int, mark: int) -> Matrix:

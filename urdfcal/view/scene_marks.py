@@ -17,6 +17,7 @@ from urdfcal.view.scene import FINE, Scene, Sheet
 
 MEASURED, NOMINAL, CALIBRATED, ERROR = 0x3A8EE6, 0xE06C00, 0x008A60, 0x1B2026
 BEAMS = (0xE3242B, 0xB5179E, 0x8D4B00, 0x3D5AFE)
+FAINT_WIDTH, FAINT_OPACITY = 0.4, 0.5  # of uncalibrated beams, over a beam's
 MISSING, GRID, FINE_GRID, SHEET = 0x7C858F, 0xB9C1C9, 0xDDE2E7, 0xFCFCFA
 LAYERS = {"grid": 0.4, "shift": 0.8, "nominal": 1.2, "measured": 1.6, "calibrated": 2.0, "error": 2.4}  # [mm] before the sheet
 POSE_LAYER = 2.5  # [mm] more for the marks of the pose shown
@@ -101,6 +102,12 @@ def unit_beam(radius: float, dashed: bool = False) -> Any:
         vertices += [np.column_stack([rim, np.full(n, end)]) for end in ends]
         faces.append(wall + 2 * n * part)
     return mg.TriangularMeshGeometry(np.concatenate(vertices), np.concatenate(faces))
+
+
+def draw_beam(node: Any, beam: Any, colour: int, faint: bool) -> None:
+    """A beam; faint ones leave no depth behind, and the page draws them first, so that a beam beside them keeps its colour."""
+    opacity = FAINT_OPACITY if faint else 1.0
+    node.set_object(beam, mg.MeshBasicMaterial(color=colour, opacity=opacity, transparent=True, depthWrite=not faint))
 
 
 def lifted(spots: Matrix, lift: float) -> Matrix:

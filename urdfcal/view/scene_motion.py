@@ -16,6 +16,7 @@ from urdfcal.view.scene import Beams, Scene, beams_of, frame_placements, screen_
 from urdfcal.view.scene_marks import (
     CALIBRATED,
     ERROR,
+    FAINT_WIDTH,
     LAYERS,
     MEASURED,
     MISSING,
@@ -24,6 +25,7 @@ from urdfcal.view.scene_marks import (
     POSE_SIZE,
     beam_colour,
     disc,
+    draw_beam,
     flat,
     lifted,
     ring,
@@ -139,6 +141,7 @@ def draw_pose_marks(node: Any, scene: Scene) -> None:
             node[f"calibrated_{laser + 1}"].set_object(ring(mark, middle, lifts["calibrated"]), flat(CALIBRATED))
             colours["nominal_beam"] = NOMINAL
         for name, colour in colours.items():
-            radius = BEAM * scene.extent * (1.0 if name == "beam" else 0.6)
-            node[f"{name}_{laser + 1}"].set_object(unit_beam(radius), flat(colour))
-            node[f"{name}_missing_{laser + 1}"].set_object(unit_beam(radius, dashed=True), flat(MISSING))
+            faint = name != "beam"
+            radius = (FAINT_WIDTH if faint else 1.0) * BEAM * scene.extent
+            draw_beam(node[f"{name}_{laser + 1}"], unit_beam(radius), colour, faint)
+            draw_beam(node[f"{name}_missing_{laser + 1}"], unit_beam(radius, dashed=True), MISSING, faint)

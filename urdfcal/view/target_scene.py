@@ -8,6 +8,8 @@ its ray.
 
 from __future__ import annotations
 
+import fnmatch
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
-from urdfcal.gauge import build_error_model
+from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
 from urdfcal.geometry import Array3, Array4, Matrix, Vector
 from urdfcal.instruments import Place
 from urdfcal.known_noise import noise_of
@@ -164,16 +166,45 @@ class PlacedTargets:
         return np.asarray(self.errors.planes[place.name] @ lean / np.linalg.norm(lean)), float(offset)
 
 
-def placed_targets(robot: Robot, data: Measurements) -> PlacedTargets:
+def placed_targets(robot: Robot, data: Measurements, options: ModelOptions | None = None) -> PlacedTargets:
     """Put measuring frame, targets and shared places where they suit a robot best, as `urdfcal evaluate` does.
 
     Args:
         robot: The robot as its URDF has it, with the instruments of the measurements.
         data: Measurements of one session; spots in pixels are turned into spots before.
+        options: Of which only what concerns the instruments matters.
     """
-    errors = build_error_model(robot.chain, robot.rig, None, data.session_names or ("",))
+    sessions = data.session_names or ("",)
+    errors = build_error_model(robot.chain, robot.rig, _of_these_poses(robot, options or ModelOptions(), sessions), sessions)
     found = nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs))))
     return PlacedTargets(robot, data, found.alone, found.instruments)
+
+
+def _of_these_poses(robot: Robot, options: ModelOptions, sessions: Sequence[str]) -> ModelOptions:
+    """Options without what they say of parameters that are not drawn: of other sessions, and of a camera that read spots."""
+    every = build_error_model(robot.chain, robot.rig, replace(options, fix=(), only=(), single={}), sessions)
+    names = [*every.names, *(f"{slot.label}.{name}" for slot in every.slots for name in slot.names)]
+
+    def known(patterns: Iterable[str]) -> tuple[str, ...]:
+        return tuple(pattern for pattern in patterns if fnmatch.filter(names, pattern))
+
+    single = {pattern: options.single[pattern] for pattern in known(options.single)}
+    return replace(options, fix=known(options.fix), only=known(options.only), single=single)
+
+
+def held_instruments(errors: ErrorModel, places: Sequence[Place]) -> ModelOptions:
+    """Options by which measuring frame, targets and places are held as a fit held them.
+
+    Args:
+        errors: The error model of the fit.
+        places: What several poses shared.
+    """
+    slots = [slot for slot in errors.slots if slot.frame is not None]
+    names = [f"{slot.label}.{name}" for slot in slots for name in slot.names if name not in slot.spare]
+    names += [f"{place.name}.{name}" for place in places for name in place.names]
+    held = [name for name in names if name not in errors.names and name not in errors.carried]
+    single = {name: ParameterPrior(errors.held.get(name), fixed=True) for name in held}
+    return ModelOptions(single=single, reference_known=not any(slot.kind == "reference" for slot in slots))
 
 
 def _with_points(marks: list[Mark], readings: tuple[Readings, ...]) -> list[Mark]:

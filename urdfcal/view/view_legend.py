@@ -10,8 +10,8 @@ import numpy as np
 from urdfcal.geometry import MM
 from urdfcal.view.key_frames import Rows
 from urdfcal.view.scene import FINE, Scene
-from urdfcal.view.scene_marks import CALIBRATED, MEASURED, MISSING, NOMINAL, beam_colour
-from urdfcal.view.view_swatches import arrow, beams, box, cross, css, disc, grid, line, ring, triad
+from urdfcal.view.scene_marks import CALIBRATED, FAINT_OPACITY, FAINT_WIDTH, MEASURED, MISSING, NOMINAL, beam_colour
+from urdfcal.view.view_swatches import BEAM, arrow, beams, box, cross, css, disc, grid, line, ring, triad
 
 _READ = {  # what the balls are
     "point": "point, measured",
@@ -56,9 +56,10 @@ def _laser_layers(scene: Scene, both: bool) -> list[Layer]:
     paths = _pose_paths(scene, "beam")
     found.append(Layer(beams(len(names)), f"beams: {', '.join(names)}", paths))
     if both:
-        found.append(Layer(line(css(NOMINAL), 2), "beams, uncalibrated", _pose_paths(scene, "nominal_beam")))
+        faint = line(css(NOMINAL), FAINT_WIDTH * BEAM, opacity=FAINT_OPACITY)
+        found.append(Layer(faint, "beams, uncalibrated", _pose_paths(scene, "nominal_beam")))
     missing = _pose_paths(scene, "beam_missing") + (_pose_paths(scene, "nominal_beam_missing") if both else ())
-    found.append(Layer(line(css(MISSING), 3, "5 3"), "beam that misses the screen", missing))
+    found.append(Layer(line(css(MISSING), BEAM, "5 3"), "beam that misses the screen", missing))
     if len(scene.data) > 1:
         found.append(Layer(line(css(beam_colour(0)), 1), "beams of all poses", ("screen/beams",), shown=False))
     return found + _spot_layers(scene, bool(scene.data.seen.any()), both)

@@ -81,6 +81,12 @@ function copyGhost() {  // the nominal robot has the calibrated one's shapes: se
   }
 }
 
+function orderBeams() {  // uncalibrated ones first, then the others over them, all before what else is seen through
+  const marks = viewer.scene_tree.find(["meshcat"]).children.screen?.children.pose;  // none where there are no lasers
+  for (const [name, node] of Object.entries(marks ? marks.children : {}))
+    if (name.includes("beam")) node.object.renderOrder = name.startsWith("nominal") ? -2 : -1;
+}
+
 const WIDE = 1280;  // pixels from which there is room for meshcat's controls beside the scene
 let touched = false;
 function lookAtAll() {
@@ -168,7 +174,7 @@ window.addEventListener("resize", () => { if (!touched) lookAtAll(); });
 if (pane.clientWidth < 700) panel.classList.add("folded");
 
 load().then(() => {
-  copyGhost(); layers(); controls(); viewer.set_3d_pane_size(); lookAtAll(); tell();
+  copyGhost(); orderBeams(); layers(); controls(); viewer.set_3d_pane_size(); lookAtAll(); tell();
   (function watch() { tell(); requestAnimationFrame(watch); })();
   requestAnimationFrame(() => requestAnimationFrame(() => { document.documentElement.dataset.ready = performance.now().toFixed(0); }));
 }).catch(error => {

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from urdfcal.view.scene_marks import ERROR, GRID, SHEET, beam_colour
 
+BEAM = 3  # [px] width of a beam
+
 
 def css(colour: int) -> str:
     """A colour as style sheets have it."""
@@ -28,14 +30,16 @@ def grid() -> str:
     )
 
 
-def line(colour: str, width: float, dashes: str = "") -> str:
+def line(colour: str, width: float, dashes: str = "", opacity: float = 1.0) -> str:
     """A line, dashed on request."""
-    return svg(f'<path d="M1 14L25 4" stroke="{colour}" stroke-width="{width}" stroke-dasharray="{dashes}"/>')
+    return svg(f'<path d="M1 14L25 4" stroke="{colour}" stroke-width="{width:g}" stroke-dasharray="{dashes}" opacity="{opacity}"/>')
 
 
 def beams(count: int) -> str:
-    """One beam or two, in their lasers' colours."""
-    lines = (f'<path d="M1 {14 - 5 * k}L25 {8 - 5 * k}" stroke="{css(beam_colour(k))}" stroke-width="3"/>' for k in range(min(count, 2)))
+    """One beam or two, in their lasers' colours, the first one above."""
+    lines = (
+        f'<path d="M1 {9 + 5 * k}L25 {3 + 5 * k}" stroke="{css(beam_colour(k))}" stroke-width="{BEAM}"/>' for k in range(min(count, 2))
+    )
     return svg("".join(lines))
 
 
