@@ -162,6 +162,13 @@ BAD = {
         ("spots", "small.png", "--pixels", "--poses", "image.csv", "-o", "f.csv"),
         "image.csv:1: column 'image': no row(s) for the picture small.png",
     ),
+    "other number": (
+        ("spots", "small.png", "--pixels", "--robot", ARM, "--lasers", "3", "-o", "f.csv"),
+        "--lasers 3: the robot has 2: laser_1 and laser_2",
+    ),
+    "other number of names": (("spots", "small.png", "--pixels", "--laser", "a", "--lasers", "2", "-o", "f.csv"), "--laser names 1: a"),
+    "no robot": (("spots", "small.png", "--pixels", "--screen", "wall", "-o", "f.csv"), "--screen, --xacro-arg and --package-dir are"),
+    "size without camera": (("spots", "small.png", "--pixels", "--screen-size-m", "2", "-o", "f.csv"), "--screen-size-m needs --camera"),
     "no screen": (("spots", "small.png", "--camera", "lens.yaml", "-o", "f.csv"), "the camera knows no screen"),
 }
 
@@ -187,6 +194,62 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
     assert (done.code, done.err.count("\n")) == (2, 1), done.err
     assert said in done.err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def two_pictures(folder: Path, ending: str = ".png", names: tuple[str, ...] = ("p1", "p2"), colours: str = "red,red") -> list[Path]:
+    """Pictures of two spots each, the first laser's on the left."""
+    from tests.vision_scene import shot
+
+    folder.mkdir(exist_ok=True)
+    rng, looks = np.random.default_rng(2), [Beam(colour) for colour in colours.split(",")]
+    for name in names:
+        cv2.imwrite(str(folder / f"{name}{ending}"), shot(camera(), [(120.0, 90.0), (300.0, 200.0)], looks, rng)[0])
+    return [folder / f"{name}{ending}" for name in names]
+
+
+@pytest.mark.parametrize("debug", ["shots", "shots/seen", "elsewhere"])
+def test_drawings_fall_on_no_picture(debug: str, tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Drawings are refused where pictures are looked for, and where one would fall on a file of the command: nothing is written."""
+    pictures = two_pictures(tmp_path / "shots", ".jpg")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "p1.jpg").symlink_to(pictures[0])
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    done = run_cli("spots", "shots", "--pixels", "-o", "f.csv", "--debug", debug)
+    assert (done.code, done.err.count("\n"), f"--debug {debug}: " in done.err) == (2, 1, True), done.err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert run_cli("spots", "shots", "--pixels", "-o", "f.csv", "--debug", "seen").code == 0
+
+
+def test_pictures_of_render_find_their_poses_again(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Labels that no file can be named after come back from the pictures' names, in whatever order, and stand in the measurements."""
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
+    run_cli("simulate", ARM, "-o", "m.csv", "--poses", "3", "--spot-noise-mm", "0", "--screen-size-m", "1.2")
+    labels = ["z home/pose", "b far", "1st one"]
+    header, *body = [line for line in (tmp_path / "m.csv").read_text().splitlines() if not line.startswith("#")]
+    start = header.split(",").index("pose")
+    assert start == 0
+    rows = [f"{label},{line.split(',', 1)[1]}" for label, line in zip(labels, body, strict=True)]
+    (tmp_path / "m.csv").write_text("\n".join([header, *rows]) + "\n")
+    assert run_cli("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--spot-mm", "16").code == 0
+    done = run_cli("spots", "pics", "--camera", "camera.yaml", "--robot", ARM, "--poses", "m.csv", "-o", "found.csv")
+    assert (done.code, "joined by order" in done.err) == (0, False), done.err
+    found = {line.split(",")[0]: line.split(",")[1:8] for line in (tmp_path / "found.csv").read_text().splitlines()[2:]}
+    assert found == {label: line.split(",")[1:8] for label, line in zip(labels, rows, strict=True)}
+
+
+def test_a_robot_without_a_camera_cannot_tell_like_lasers_apart(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Spots of one colour in pixels alone are refused with --robot, unless their order is stated; two colours tell the lasers apart."""
+    two_pictures(tmp_path / "like")
+    two_pictures(tmp_path / "unlike", colours="green,red")
+    words = ("--pixels", "--robot", ARM, "-o", "f.csv")
+    done = run_cli("spots", "like", *words)
+    assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    assert "pixels and one colour do not say which spot is whose of laser_1 and laser_2" in done.err
+    assert not (tmp_path / "f.csv").exists()
+    assert run_cli("spots", "like", *words, "--order", "right-left").code == 0
+    assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
+    assert run_cli("spots", "unlike", *words).code == 0
+    assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
 
 
 def test_pixels_alone_need_no_camera(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -163,7 +162,9 @@ def _corrected(arm: Robot, calibrated: Path) -> Robot:
 
 def _names(labels: list[str]) -> list[str]:
     """Names of pictures, one a pose."""
-    names = [re.sub(r"[^\w.+-]+", "_", label).strip("._") or "pose" for label in labels]
+    from urdfcal.vision.spot_images import picture_name
+
+    names = [picture_name(label) for label in labels]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise UsageError(f"two poses would both be the picture '{twice}.png'; give them different labels in the column 'pose'")
