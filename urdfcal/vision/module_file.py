@@ -12,11 +12,15 @@ file holds nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from urdfcal.errors import UsageError, no_such
 from urdfcal.geometry import DEG, MM, Matrix
 from urdfcal.robot import Robot
+from urdfcal.vision.bench_misreadings import Misreading
+from urdfcal.vision.csv_table import CsvTable
 from urdfcal.vision.module_bench import BenchResult, beam_direction, relative_angles
 
 
@@ -66,19 +70,21 @@ def _differences(nominal: Matrix, a: float, b: float, step: float = 1e-6) -> Mat
     return np.column_stack([by_a, by_b]) / (2 * step)
 
 
-def module_yaml(result: BenchResult, squareness: float, robot: Robot | None = None) -> bytes:
+def module_yaml(result: BenchResult, squareness: float, robot: Robot | None = None, notes: Sequence[str] = ()) -> bytes:
     """The file.
 
     Args:
         result: What the bench says.
         squareness: That was stated, [rad].
         robot: See `beam_priors`.
+        notes: What was left out, and why.
     """
     how = "stated" if result.stated else "estimated from the residual"
     lines = [
         "# Beams of a laser module, by urdfcal module; a beam is Rot(x, a) Rot(y, b) applied to the module's +z",
         *(f"# {line}" for line in described(result)),
         f"# noise of a reading {result.noise / MM:.3f} mm ({how}); the plane's squareness, {squareness / DEG:g} deg, is in the sigmas",
+        *(f"# {note}" for note in notes),
         "# in a URDF with slm.urdf.xacro:",
         *(f"#   {argument}" for argument in xacro_arguments(result)),
         "# The parameters below are relative to the beams of "
@@ -104,13 +110,35 @@ def described(result: BenchResult) -> list[str]:
     """The result in lines of text."""
     lines = []
     sigma = np.sqrt(np.diag(result.covariance)).reshape(-1, 4)
-    for index, laser in enumerate(result.lasers):
+    for index, name in enumerate(result.lasers):
         (a, b), (x0, y0) = result.angles[index] / DEG, result.origins[index] / MM
         lines.append(
-            f"{laser}: Rot(x, {a:.4f} +- {sigma[index, 0] / DEG:.4f} deg) Rot(y, {b:.4f} +- {sigma[index, 1] / DEG:.4f} deg), "
+            f"{name}: Rot(x, {a:.4f} +- {sigma[index, 0] / DEG:.4f} deg) Rot(y, {b:.4f} +- {sigma[index, 1] / DEG:.4f} deg), "
             f"crosses the module's origin plane at ({x0:.2f} +- {sigma[index, 2] / MM:.2f}, {y0:.2f} +- {sigma[index, 3] / MM:.2f}) mm"
         )
     if result.apex is not None:
         x, y, z = result.apex / MM
         lines.append(f"the beams come nearest to each other at ({x:.2f}, {y:.2f}, {z:.2f}) mm from the module's origin")
+    (row, laser), aside = result.worst, np.linalg.norm(result.residual[result.worst])
+    lines.append(
+        f"readings fit to {result.rms / MM:.3f} mm (RMS), the worst to {aside / MM:.3f} mm: {_place(result, row, [result.lasers[laser]])}"
+    )
     return lines
+
+
+def misreadings(result: BenchResult, left_out: Sequence[Misreading], doubtful: Sequence[Misreading], table: CsvTable) -> list[str]:
+    """What does not fit, in lines of text."""
+    lines = [
+        f"{table.path}:{table.lines[wrong.row]}: {_place(result, wrong.row, wrong.lasers)} {'lies' if len(wrong.lasers) == 1 else 'lie'} "
+        f"{wrong.off / MM:.1f} mm from where the other readings have {'it' if len(wrong.lasers) == 1 else 'them'} and "
+        f"{'was' if len(wrong.lasers) == 1 else 'were'} left out; {'a reading' if len(wrong.lasers) == 1 else 'the distance'} mistyped?"
+        for wrong in left_out
+    ]
+    if doubtful:
+        places = " or ".join(f"{_place(result, wrong.row, wrong.lasers)} (line {table.lines[wrong.row]})" for wrong in doubtful)
+        lines.append(f"{table.path}: {places} does not fit the other readings, which are too few to do without it; read more distances")
+    return lines
+
+
+def _place(result: BenchResult, row: int, lasers: Sequence[str]) -> str:
+    return f"{' and '.join(lasers)} at {result.distance[row] / MM:g} mm"
