@@ -15,6 +15,7 @@ from urdfcal.vision.camera_file import camera_yaml
 from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.render_scene import Beam, Lighting, backdrop, spot_light
 from urdfcal.vision.render_sensor import Sensor
+from urdfcal.vision.rendering import in_picture
 from urdfcal.vision.screen_markers import ScreenMarkers
 from urdfcal.vision.usual_camera import usual_camera
 
@@ -136,6 +137,32 @@ def test_the_usual_camera_sees_everything(far: float, rng: np.random.Generator) 
     assert np.ptp(pixels, axis=0).max() > (0.15 if far < 0.2 else 0.4) * size.min()
 
 
+def test_the_usual_camera_is_placed_for_most_spots(rng: np.random.Generator) -> None:
+    """One spot far off does not take the camera away from the rest, and markers are seen beside the spots."""
+    spots = rng.uniform(-0.5, 0.5, (20, 2))
+    near, marks = usual_camera(spots), np.array([[2.0, 1.0], [-2.0, -1.0]])
+    far_off = usual_camera(np.vstack([spots, [300.0, 20.0]]))
+    assert far_off.pixels_of_spots(spots) == pytest.approx(near.pixels_of_spots(spots))
+    assert in_picture(near, marks).tolist() == [False, False]
+    assert in_picture(usual_camera(spots, marks), np.vstack([spots, marks])).all()
+
+
+def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Beams beside a stated screen make no spot, a spot far off is outside of the picture, and both are counted; so are tiny spots."""
+    joints = ",".join(f"joint{k}" for k in range(1, 8))
+    rows = [",".join(["0"] * 7 + spots) for spots in (["0.1", "0", "-0.1", "0"], ["0.2", "0.1", "0.9", "0"], ["0", "0.1", "200", "0"])]
+    (tmp_path / "m.csv").write_text(f"{joints},laser_1.y,laser_1.z,laser_2.y,laser_2.z\n" + "\n".join(rows) + "\n")
+    (tmp_path / "screen.yaml").write_text("dictionary: DICT_4X4_50\nsize_mm: 100\nmarkers: {0: [400, 300], 1: [-400, -300]}\n")
+    done = run_cli("render", ARM, "m.csv", "-o", "pics", "--screen-size-m", "1", "--markers", "screen.yaml")
+    assert (done.code, done.err) == (0, "urdfcal: warning: not shown of 6 spots: 2 beside the screen\n")
+    grey = cv2.imread(str(tmp_path / "pics" / "1.png"), cv2.IMREAD_GRAYSCALE)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    assert sorted(np.ravel(detector.detectMarkers(grey)[1])) == [0, 1]
+    done = run_cli("render", ARM, "m.csv", "-o", "more", "--spot-mm", "0.5")
+    assert (done.code, "not shown of 6 spots: 1 outside of the picture" in done.err) == (0, True)
+    assert "5 of 5 spots are under 1 px wide" in done.err
+
+
 BAD = {
     "no spot": (("render", ARM, "off.csv", "-o", "pics"), "no beam meets the screen in these poses"),
     "no camera": (("render", ARM, "m.csv", "--camera", "none.yaml", "-o", "pics"), "none.yaml: cannot be read"),
@@ -143,6 +170,19 @@ BAD = {
     "colour": (
         ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--colours", "rad"),
         "no laser colour 'rad'; did you mean 'red'?",
+    ),
+    "number of colours": (
+        ("render", ARM, "m.csv", "-o", "pics", "--colours", "red,red,red"),
+        "--colours red,red,red: 3 colours for 2 lasers",
+    ),
+    "dark jpg": (("render", ARM, "m.csv", "-o", "pics", "--dark", "dark.jpg"), "--dark dark.jpg: ends in '.jpg', expected .png"),
+    "side": (
+        ("render", ARM, "m.csv", "--camera", "camera.yaml", "--markers", "back.yaml", "-o", "pics"),
+        "back.yaml: side back, but camera.yaml looks from the front",
+    ),
+    "usual side": (
+        ("render", ARM, "m.csv", "--markers", "back.yaml", "-o", "pics"),
+        "back.yaml: side back, but the camera without --camera looks from the front",
     ),
     "share": (
         ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--missing", "2"),
@@ -180,6 +220,7 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
 
     (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
     (tmp_path / "lens.yaml").write_bytes(camera_yaml(replace(arm_camera(), size=(30, 20), T_camera_screen=None)))
+    (tmp_path / "back.yaml").write_text("dictionary: DICT_4X4_50\nsize_mm: 100\nside: back\nmarkers: {0: [400, 300]}\n")
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.png").write_bytes(b"\x89PNG no more")
     rng = np.random.default_rng(0)
