@@ -143,6 +143,26 @@ def test_bench_to_prior_to_fit(
         assert nominal_axes(corrected, laser)[:, 2] == pytest.approx(beam_direction(a, b), abs=5e-3)
 
 
+def test_a_module_file_is_for_the_beams_that_it_was_made_for(
+    tmp_path: Path, rng: np.random.Generator, robots: dict[str, Robot], run_cli: Callable[..., CliResult]
+) -> None:
+    """Relative to a URDF's beams it fits that URDF and is refused beside its calibrated one, where the angles would count twice;
+    made for a URDF that holds the bench's angles, it is refused beside one that does not. `evaluate` takes it as it is."""
+    arm = robots["arm7"].description.path
+    (tmp_path / "bench.csv").write_text(bench_csv(readings(rng)))
+    assert run_cli("simulate", arm, "-o", "m.csv", "--poses", "40", "--spot-noise-mm", "0.5").code == 0
+    assert run_cli("module", "bench.csv", "--robot", arm, "-o", "own.yaml").code == 0
+    assert run_cli("module", "bench.csv", "-o", "holds.yaml").code == 0
+    assert run_cli("fit", arm, "m.csv", "--rig", "own.yaml", "-o", "out.urdf", "--force").code == 0
+    before = sorted(tmp_path.rglob("*"))
+    for words in (("fit", "out.urdf", "m.csv", "--rig", "own.yaml"), ("check", arm, "m.csv", "--rig", "holds.yaml")):
+        done = run_cli(*words)
+        assert (done.code, done.err.count("\n")) == (2, 1), done.err
+        assert f"{words[-1]}: entry 'beams': the parameters are relative to a laser_1 along (" in done.err
+    assert sorted(tmp_path.rglob("*")) == before
+    assert run_cli("evaluate", "out.urdf", "m.csv", "--rig", "own.yaml").code == 0
+
+
 def test_a_urdf_that_holds_the_angles_has_priors_of_zero(rng: np.random.Generator) -> None:
     """Without a robot the values are zero and the sigmas those of the bench."""
     result = beams_from_bench(readings(rng))

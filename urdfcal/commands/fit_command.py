@@ -21,6 +21,7 @@ from urdfcal.commands.inputs import (
     priors_of,
     require_places,
     rig_file_of,
+    rig_options,
     sensor_noise,
 )
 from urdfcal.commands.options import (
@@ -184,7 +185,7 @@ def fit(
     if holdout is not None:
         data = hold_out(data, holdout, rng())
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator,
         "schedule": schedule,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import say, show, warn
-from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, sensor_noise
+from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, rig_file_of, rig_options, sensor_noise
 from urdfcal.commands.options import (
     CameraOption,
     DataFile,
@@ -114,7 +114,7 @@ def check(
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(
         arm,
         data,

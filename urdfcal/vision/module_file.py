@@ -2,12 +2,14 @@
 
     # laser_1: Rot(x, -27.80 +- 0.05 deg) Rot(y, 1.27 +- 0.04 deg) ...
     estimate: [beams]
+    beams:
+      laser_1: [0.0207, 0.4663, 0.8844]
     parameters:
       laser_1.rot_x: {value_deg: 2.2, sigma_deg: 0.05}
 
 The parameters are the corrections that `--estimate beams` estimates, relative to the beams of a URDF: those of the robot that was named,
-or, where none was, of a URDF that already holds the bench's angles, so that the values are zero. Angles stand in the comments, since a rig
-file holds nothing else.
+or, where none was, of a URDF that already holds the bench's angles, so that the values are zero. `beams` says where those point, in
+module axes, and a robot whose beams point elsewhere is refused. The bench's own angles stand in the comments.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ def beam_priors(result: BenchResult, robot: Robot | None = None) -> dict[str, tu
     priors: dict[str, tuple[float, float]] = {}
     for index, laser in enumerate(result.lasers):
         (a, b), block = result.angles[index], result.covariance[4 * index : 4 * index + 2, 4 * index : 4 * index + 2]
-        nominal = _axes(a, b) if robot is None else nominal_axes(robot, laser)
+        nominal = _reference(result, index, robot)
         values = relative_angles(nominal, a, b)
         turn = _differences(nominal, a, b)
         sigmas = np.sqrt(np.diag(turn @ block @ turn.T))
@@ -45,15 +47,16 @@ def beam_priors(result: BenchResult, robot: Robot | None = None) -> dict[str, tu
     return priors
 
 
+def _reference(result: BenchResult, index: int, robot: Robot | None) -> Matrix:
+    """Axes of a laser in module axes that its corrections are relative to, (3, 3)."""
+    return _axes(*result.angles[index]) if robot is None else nominal_axes(robot, result.lasers[index])
+
+
 def nominal_axes(robot: Robot, laser: str) -> Matrix:
     """A laser's axes in its module's, (3, 3)."""
     if laser not in robot.rig.lasers:
         raise UsageError(no_such("laser", laser, robot.rig.lasers))
-    way = robot.chain.laser_joints[robot.rig.lasers.index(laser)]
-    rotation = np.eye(3)
-    for joint in way:
-        rotation = rotation @ joint.origin.rotation
-    return np.asarray(rotation)
+    return robot.chain.laser_axes(robot.rig.lasers.index(laser))
 
 
 def _axes(a: float, b: float) -> Matrix:
@@ -90,8 +93,11 @@ def module_yaml(result: BenchResult, squareness: float, robot: Robot | None = No
         "# The parameters below are relative to the beams of "
         + ("a URDF that holds these angles" if robot is None else f"{robot.name} as its URDF has them"),
         "estimate: [beams]",
-        "parameters:",
+        "beams:",
     ]
+    for index, laser in enumerate(result.lasers):
+        lines.append(f"  {laser}: [{', '.join(f'{part:.9f}' for part in _reference(result, index, robot)[:, 2])}]")
+    lines.append("parameters:")
     lines += [
         f"  {name}: {{value_deg: {value / DEG:.8g}, sigma_deg: {sigma / DEG:.4g}}}"
         for name, (value, sigma) in beam_priors(result, robot).items()
