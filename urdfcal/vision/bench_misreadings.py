@@ -2,8 +2,8 @@
 
 A mistyped reading is one laser's in one row, a mistyped distance all of a row's. With r the residual of some readings S and H the fit's
 hat matrix, leaving S out lowers the sum of squares by r' (I - H)^-1 r. Over the mean square of what is left that is F-distributed, or
-chi-squared over a stated noise; the tail beyond it, times the number of candidates, must be under 1 %. Nobody reads a ruler better than
-to 0.05 mm, so that a few readings that agree by chance make no misreading of the next.
+chi-squared over a stated noise that the rest bears out; the tail beyond it, times the number of candidates, must be under 1 %. Nobody
+reads a ruler better than to 0.05 mm, so that a few readings that agree by chance make no misreading of the next.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _candidates(readings: BenchReadings, squareness: float, result: BenchResult)
                 left = max((total - gain) / dof, (_RULER / result.noise) ** 2)
                 lasers = tuple(readings.lasers[laser] for laser in chosen)
                 misreading = Misreading(row, lasers, float(np.linalg.norm(off.reshape(-1, 2), axis=1).max()) * result.noise)
-                yield _Candidate(misreading, _tail(gain, len(places), dof, None if result.stated else left), left, dof)
+                yield _Candidate(misreading, _tail(gain, len(places), dof, left, result.stated), left, dof)
 
 
 def _enough(readings: BenchReadings, row: int, laser: int) -> bool:
@@ -124,8 +124,9 @@ def _left_out(r: Vector, hat: Matrix) -> tuple[Vector, float]:
     return off, float(r @ off)
 
 
-def _tail(gain: float, count: int, dof: int, left: float | None) -> float:
-    """The chance of such a gain on a healthy bench; `left` is None where the noise was stated."""
+def _tail(gain: float, count: int, dof: int, left: float, stated: bool) -> float:
+    """The chance of such a gain on a healthy bench; a stated noise that what is left does not bear out counts for nothing."""
     from scipy.special import chdtrc, fdtrc
 
-    return float(chdtrc(count, gain) if left is None else fdtrc(count, dof, gain / count / left))
+    borne_out = stated and chdtrc(dof, dof * left) > _ALARM
+    return float(chdtrc(count, gain) if borne_out else fdtrc(count, dof, gain / count / left))

@@ -134,12 +134,13 @@ def described(result: BenchResult) -> list[str]:
 
 def misreadings(result: BenchResult, left_out: Sequence[Misreading], doubtful: Sequence[Misreading], table: CsvTable) -> list[str]:
     """What does not fit, in lines of text."""
-    lines = [
-        f"{table.path}:{table.lines[wrong.row]}: {_place(result, wrong.row, wrong.lasers)} {'lies' if len(wrong.lasers) == 1 else 'lie'} "
-        f"{wrong.off / MM:.1f} mm from where the other readings have {'it' if len(wrong.lasers) == 1 else 'them'} and "
-        f"{'was' if len(wrong.lasers) == 1 else 'were'} left out; {'a reading' if len(wrong.lasers) == 1 else 'the distance'} mistyped?"
-        for wrong in left_out
-    ]
+    lines = []
+    for wrong in left_out:
+        lies, guess = ("lies", "the reading") if len(wrong.lasers) == 1 else ("lie up to", "the distance, or all of the row,")
+        lines.append(
+            f"{table.path}:{table.lines[wrong.row]}: {_place(result, wrong.row, wrong.lasers)} {lies} {wrong.off / MM:.1f} mm from where "
+            f"the other readings have it, and {'is' if len(wrong.lasers) == 1 else 'are'} left out; is {guess} mistyped?"
+        )
     if doubtful:
         places = " or ".join(f"{_place(result, wrong.row, wrong.lasers)} (line {table.lines[wrong.row]})" for wrong in doubtful)
         lines.append(f"{table.path}: {places} does not fit the other readings, which are too few to do without it; read more distances")
