@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from urdfcal.errors import MeasurementError, UsageError
 from urdfcal.gauge import build_error_model
 from urdfcal.rig_file import read_rig_file
 from urdfcal.robot import Robot, load_robot
+from urdfcal.vision.bench_misreadings import beams_without_misreadings
 from urdfcal.vision.csv_table import read_csv_table
 from urdfcal.vision.module_bench import BenchReadings, beam_direction, beams_from_bench, predicted_readings, readings_from, relative_angles
 from urdfcal.vision.module_file import beam_priors, nominal_axes
@@ -141,12 +143,74 @@ def test_bench_to_prior_to_fit(
         assert nominal_axes(corrected, laser)[:, 2] == pytest.approx(beam_direction(a, b), abs=5e-3)
 
 
+def test_a_module_file_is_for_the_beams_that_it_was_made_for(
+    tmp_path: Path, rng: np.random.Generator, robots: dict[str, Robot], run_cli: Callable[..., CliResult]
+) -> None:
+    """Relative to a URDF's beams it fits that URDF and is refused beside its calibrated one, where the angles would count twice;
+    made for a URDF that holds the bench's angles, it is refused beside one that does not. `evaluate` takes it as it is."""
+    arm = robots["arm7"].description.path
+    (tmp_path / "bench.csv").write_text(bench_csv(readings(rng)))
+    assert run_cli("simulate", arm, "-o", "m.csv", "--poses", "40", "--spot-noise-mm", "0.5").code == 0
+    assert run_cli("module", "bench.csv", "--robot", arm, "-o", "own.yaml").code == 0
+    assert run_cli("module", "bench.csv", "-o", "holds.yaml").code == 0
+    assert run_cli("fit", arm, "m.csv", "--rig", "own.yaml", "-o", "out.urdf", "--force").code == 0
+    before = sorted(tmp_path.rglob("*"))
+    for words in (("fit", "out.urdf", "m.csv", "--rig", "own.yaml"), ("check", arm, "m.csv", "--rig", "holds.yaml")):
+        done = run_cli(*words)
+        assert (done.code, done.err.count("\n")) == (2, 1), done.err
+        assert f"{words[-1]}: entry 'beams': the parameters are relative to a laser_1 along (" in done.err
+    assert sorted(tmp_path.rglob("*")) == before
+    assert run_cli("evaluate", "out.urdf", "m.csv", "--rig", "own.yaml").code == 0
+
+
 def test_a_urdf_that_holds_the_angles_has_priors_of_zero(rng: np.random.Generator) -> None:
     """Without a robot the values are zero and the sigmas those of the bench."""
     result = beams_from_bench(readings(rng))
     priors = beam_priors(result)
     assert [value for value, _ in priors.values()] == pytest.approx([0, 0, 0, 0], abs=1e-12)
     assert priors["laser_1.rot_y"][1] == pytest.approx(result.angle_sigmas[0, 1], rel=0.05)
+
+
+def test_what_was_mistyped_is_left_out_and_named(tmp_path: Path, rng: np.random.Generator, run_cli: Callable[..., CliResult]) -> None:
+    """A reading 100 mm off, or a distance, is named with its line and left out; the beams are as without it, and the rest is told."""
+    data = readings(rng)
+    for column, what in (("spots", "laser_2 at 700 mm lies"), ("distance", "laser_1 and laser_2 at 800 mm lie up to")):
+        wrong = replace(data, spots=data.spots.copy(), distance=data.distance.copy())
+        getattr(wrong, column)[(2, 1, 1) if column == "spots" else 2] += 0.1
+        (tmp_path / "bench.csv").write_text(bench_csv(wrong))
+        done = run_cli("module", "bench.csv", "-o", "module.yaml")
+        assert (done.code, done.err.count("\n")) == (0, 1)
+        assert f"warning: bench.csv:4: {what}" in done.err
+        assert "left out" in (tmp_path / "module.yaml").read_text()
+        assert "readings fit to 0." in done.out
+        result, left_out, doubtful = beams_without_misreadings(wrong, np.radians(0.2))
+        rest = replace(wrong, spots=np.where(np.isfinite(result.residual), data.spots, np.nan))
+        assert [(found.row, doubtful) for found in left_out] == [(2, [])]
+        assert result.angles == pytest.approx(beams_from_bench(rest).angles, abs=1e-12)
+
+
+def test_too_few_readings_to_say_which_is_wrong(rng: np.random.Generator) -> None:
+    """Of three readings of a laser any may be the wrong one: all three are named and none is left out, nor of four with no noise known."""
+    data = readings(rng)
+    data.spots[3, 0] = np.nan
+    data.spots[1, 0, 0] += 0.1
+    _, left_out, doubtful = beams_without_misreadings(data, np.radians(0.2))
+    assert (left_out, {(found.row, found.lasers) for found in doubtful}) == ([], {(row, ("laser_1",)) for row in range(3)})
+    alone = BenchReadings(("laser_2",), DISTANCE, readings(rng).spots[:, 1:])
+    alone.spots[1, 0, 0] += 0.1
+    _, left_out, doubtful = beams_without_misreadings(alone, np.radians(0.2))
+    assert (left_out, [found.row for found in doubtful]) == ([], [1])
+
+
+def test_healthy_benches_keep_their_readings() -> None:
+    """Of 40 benches with 0.2 mm of noise, as many read to the full millimetre, and as many with a fifth of their noise stated, at most
+    three lose a reading."""
+    rng = np.random.default_rng(6)
+    benches = [readings(rng) for _ in range(120)]
+    rounded = [replace(data, spots=np.round(data.spots, 3)) for data in benches[40:80]]
+    stated = [(data, 0.04e-3) for data in benches[80:]]
+    cases = [*((data, None) for data in benches[:40] + rounded), *stated]
+    assert sum(bool(beams_without_misreadings(data, np.radians(0.2), noise)[1]) for data, noise in cases) <= 3
 
 
 GOOD = "distance [mm],laser_1.x,laser_1.y\n300,0.01,0.15\n500,0.01,0.25\n700,0.01,0.36\n900,0.01,0.46\n"
@@ -158,6 +222,18 @@ BAD = {
     "lone cell": (GOOD.replace("0.01,0.25", ",0.25"), "bench.csv:3: column 'laser_1.x': one cell of the reading is empty"),
     "unit": (GOOD.replace("[mm]", "[inch]"), "bench.csv:1: column 'distance': unit 'inch' is not understood, expected m or mm"),
     "negative": (GOOD.replace("500", "-500"), "bench.csv:3: column 'distance': '-500' is not above zero"),
+    "metres": (
+        GOOD.replace("distance [mm]", "distance"),
+        "bench.csv:2: column 'distance': 300 m, expected a distance of 0.001 to 50 m; if it is in mm, head the column 'distance [mm]'",
+    ),
+    "millimetres": (
+        GOOD.replace("300,", "0.3,"),
+        "bench.csv:2: column 'distance': 0.3 mm, expected a distance of 0.001 to 50 m; if it is in m, head the column 'distance [m]'",
+    ),
+    "wide": (
+        GOOD.replace("0.25", "250"),
+        "bench.csv:3: column 'laser_1.y': 250 m, expected no more than 10 times the distance; if it is in mm, head the column",
+    ),
     "one distance": ("distance,laser_1.x,laser_1.y\n1,2,3\n1,2,3\n", "laser_1 was read at fewer than two distances"),
     "too few": ("distance,laser_1.x,laser_1.y\n1,.1,.3\n2,.1,.6\n", "2 readings leave 0 to estimate their noise from"),
     "empty": ("", "bench.csv: has no header; expected a header and one row a distance"),

@@ -96,6 +96,8 @@ BAD = {
         "parameters: {a.b: {fixed: perhaps}}",
         ":1: entry 'parameters.a.b.fixed': Input should be a valid boolean, unable to interpret input, found 'perhaps'",
     ),
+    "no direction": ("beams: {laser_1: [0, 0, 0]}", ":1: entry 'beams': the beam of laser_1 has no direction"),
+    "half a direction": ("beams: {laser_1: [0, 1]}", ":1: entry 'beams.laser_1.2': Field required"),
     "huge": (f"noise: {{spot_mm: {'9' * 99}{'9' * 99}{'9' * 99}{'9' * 99}}}", ":1: a number of 396 digits"),
     "tiny prior": ("priors: {joint: '1e-300mm,1deg'}", ":1: entry 'priors': '1e-300mm,1deg' is not a prior"),
     "tiny sigma": ("parameters: {a.b: {sigma_mm: 1e-300}}", ":1: entry 'parameters.a.b.sigma_mm': Input should be greater than"),

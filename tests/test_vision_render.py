@@ -15,6 +15,7 @@ from urdfcal.vision.camera_file import camera_yaml
 from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.render_scene import Beam, Lighting, backdrop, spot_light
 from urdfcal.vision.render_sensor import Sensor
+from urdfcal.vision.rendering import in_picture
 from urdfcal.vision.screen_markers import ScreenMarkers
 from urdfcal.vision.usual_camera import usual_camera
 
@@ -136,6 +137,32 @@ def test_the_usual_camera_sees_everything(far: float, rng: np.random.Generator) 
     assert np.ptp(pixels, axis=0).max() > (0.15 if far < 0.2 else 0.4) * size.min()
 
 
+def test_the_usual_camera_is_placed_for_most_spots(rng: np.random.Generator) -> None:
+    """One spot far off does not take the camera away from the rest, and markers are seen beside the spots."""
+    spots = rng.uniform(-0.5, 0.5, (20, 2))
+    near, marks = usual_camera(spots), np.array([[2.0, 1.0], [-2.0, -1.0]])
+    far_off = usual_camera(np.vstack([spots, [300.0, 20.0]]))
+    assert far_off.pixels_of_spots(spots) == pytest.approx(near.pixels_of_spots(spots))
+    assert in_picture(near, marks).tolist() == [False, False]
+    assert in_picture(usual_camera(spots, marks), np.vstack([spots, marks])).all()
+
+
+def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Beams beside a stated screen make no spot, a spot far off is outside of the picture, and both are counted; so are tiny spots."""
+    joints = ",".join(f"joint{k}" for k in range(1, 8))
+    rows = [",".join(["0"] * 7 + spots) for spots in (["0.1", "0", "-0.1", "0"], ["0.2", "0.1", "0.9", "0"], ["0", "0.1", "200", "0"])]
+    (tmp_path / "m.csv").write_text(f"{joints},laser_1.y,laser_1.z,laser_2.y,laser_2.z\n" + "\n".join(rows) + "\n")
+    (tmp_path / "screen.yaml").write_text("dictionary: DICT_4X4_50\nsize_mm: 100\nmarkers: {0: [400, 300], 1: [-400, -300]}\n")
+    done = run_cli("render", ARM, "m.csv", "-o", "pics", "--screen-size-m", "1", "--markers", "screen.yaml")
+    assert (done.code, done.err) == (0, "urdfcal: warning: not shown of 6 spots: 2 beside the screen\n")
+    grey = cv2.imread(str(tmp_path / "pics" / "1.png"), cv2.IMREAD_GRAYSCALE)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    assert sorted(np.ravel(detector.detectMarkers(grey)[1])) == [0, 1]
+    done = run_cli("render", ARM, "m.csv", "-o", "more", "--spot-mm", "0.5")
+    assert (done.code, "not shown of 6 spots: 1 outside of the picture" in done.err) == (0, True)
+    assert "5 of 5 spots are under 1 px wide" in done.err
+
+
 BAD = {
     "no spot": (("render", ARM, "off.csv", "-o", "pics"), "no beam meets the screen in these poses"),
     "no camera": (("render", ARM, "m.csv", "--camera", "none.yaml", "-o", "pics"), "none.yaml: cannot be read"),
@@ -143,6 +170,19 @@ BAD = {
     "colour": (
         ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--colours", "rad"),
         "no laser colour 'rad'; did you mean 'red'?",
+    ),
+    "number of colours": (
+        ("render", ARM, "m.csv", "-o", "pics", "--colours", "red,red,red"),
+        "--colours red,red,red: 3 colours for 2 lasers",
+    ),
+    "dark jpg": (("render", ARM, "m.csv", "-o", "pics", "--dark", "dark.jpg"), "--dark dark.jpg: ends in '.jpg', expected .png"),
+    "side": (
+        ("render", ARM, "m.csv", "--camera", "camera.yaml", "--markers", "back.yaml", "-o", "pics"),
+        "back.yaml: side back, but camera.yaml looks from the front",
+    ),
+    "usual side": (
+        ("render", ARM, "m.csv", "--markers", "back.yaml", "-o", "pics"),
+        "back.yaml: side back, but the camera without --camera looks from the front",
     ),
     "share": (
         ("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--missing", "2"),
@@ -162,6 +202,13 @@ BAD = {
         ("spots", "small.png", "--pixels", "--poses", "image.csv", "-o", "f.csv"),
         "image.csv:1: column 'image': no row(s) for the picture small.png",
     ),
+    "other number": (
+        ("spots", "small.png", "--pixels", "--robot", ARM, "--lasers", "3", "-o", "f.csv"),
+        "--lasers 3: the robot has 2: laser_1 and laser_2",
+    ),
+    "other number of names": (("spots", "small.png", "--pixels", "--laser", "a", "--lasers", "2", "-o", "f.csv"), "--laser names 1: a"),
+    "no robot": (("spots", "small.png", "--pixels", "--screen", "wall", "-o", "f.csv"), "--screen, --xacro-arg and --package-dir are"),
+    "size without camera": (("spots", "small.png", "--pixels", "--screen-size-m", "2", "-o", "f.csv"), "--screen-size-m needs --camera"),
     "no screen": (("spots", "small.png", "--camera", "lens.yaml", "-o", "f.csv"), "the camera knows no screen"),
 }
 
@@ -173,6 +220,7 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
 
     (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
     (tmp_path / "lens.yaml").write_bytes(camera_yaml(replace(arm_camera(), size=(30, 20), T_camera_screen=None)))
+    (tmp_path / "back.yaml").write_text("dictionary: DICT_4X4_50\nsize_mm: 100\nside: back\nmarkers: {0: [400, 300]}\n")
     (tmp_path / "empty").mkdir()
     (tmp_path / "broken.png").write_bytes(b"\x89PNG no more")
     rng = np.random.default_rng(0)
@@ -187,6 +235,62 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
     assert (done.code, done.err.count("\n")) == (2, 1), done.err
     assert said in done.err
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def two_pictures(folder: Path, ending: str = ".png", names: tuple[str, ...] = ("p1", "p2"), colours: str = "red,red") -> list[Path]:
+    """Pictures of two spots each, the first laser's on the left."""
+    from tests.vision_scene import shot
+
+    folder.mkdir(exist_ok=True)
+    rng, looks = np.random.default_rng(2), [Beam(colour) for colour in colours.split(",")]
+    for name in names:
+        cv2.imwrite(str(folder / f"{name}{ending}"), shot(camera(), [(120.0, 90.0), (300.0, 200.0)], looks, rng)[0])
+    return [folder / f"{name}{ending}" for name in names]
+
+
+@pytest.mark.parametrize("debug", ["shots", "shots/seen", "elsewhere"])
+def test_drawings_fall_on_no_picture(debug: str, tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Drawings are refused where pictures are looked for, and where one would fall on a file of the command: nothing is written."""
+    pictures = two_pictures(tmp_path / "shots", ".jpg")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "p1.jpg").symlink_to(pictures[0])
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    done = run_cli("spots", "shots", "--pixels", "-o", "f.csv", "--debug", debug)
+    assert (done.code, done.err.count("\n"), f"--debug {debug}: " in done.err) == (2, 1, True), done.err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert run_cli("spots", "shots", "--pixels", "-o", "f.csv", "--debug", "seen").code == 0
+
+
+def test_pictures_of_render_find_their_poses_again(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Labels that no file can be named after come back from the pictures' names, in whatever order, and stand in the measurements."""
+    (tmp_path / "camera.yaml").write_bytes(camera_yaml(arm_camera()))
+    run_cli("simulate", ARM, "-o", "m.csv", "--poses", "3", "--spot-noise-mm", "0", "--screen-size-m", "1.2")
+    labels = ["z home/pose", "b far", "1st one"]
+    header, *body = [line for line in (tmp_path / "m.csv").read_text().splitlines() if not line.startswith("#")]
+    start = header.split(",").index("pose")
+    assert start == 0
+    rows = [f"{label},{line.split(',', 1)[1]}" for label, line in zip(labels, body, strict=True)]
+    (tmp_path / "m.csv").write_text("\n".join([header, *rows]) + "\n")
+    assert run_cli("render", ARM, "m.csv", "--camera", "camera.yaml", "-o", "pics", "--spot-mm", "16").code == 0
+    done = run_cli("spots", "pics", "--camera", "camera.yaml", "--robot", ARM, "--poses", "m.csv", "-o", "found.csv")
+    assert (done.code, "joined by order" in done.err) == (0, False), done.err
+    found = {line.split(",")[0]: line.split(",")[1:8] for line in (tmp_path / "found.csv").read_text().splitlines()[2:]}
+    assert found == {label: line.split(",")[1:8] for label, line in zip(labels, rows, strict=True)}
+
+
+def test_a_robot_without_a_camera_cannot_tell_like_lasers_apart(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Spots of one colour in pixels alone are refused with --robot, unless their order is stated; two colours tell the lasers apart."""
+    two_pictures(tmp_path / "like")
+    two_pictures(tmp_path / "unlike", colours="green,red")
+    words = ("--pixels", "--robot", ARM, "-o", "f.csv")
+    done = run_cli("spots", "like", *words)
+    assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    assert "pixels and one colour do not say which spot is whose of laser_1 and laser_2" in done.err
+    assert not (tmp_path / "f.csv").exists()
+    assert run_cli("spots", "like", *words, "--order", "right-left").code == 0
+    assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
+    assert run_cli("spots", "unlike", *words).code == 0
+    assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
 
 
 def test_pixels_alone_need_no_camera(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:

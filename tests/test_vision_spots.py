@@ -164,6 +164,15 @@ def test_the_nominal_robot_tells_single_spots_apart(rng: np.random.Generator) ->
     assert len(labelled.warnings) == sum(not spots for spots in labelled.spots)
 
 
+def test_a_pose_without_a_spot_is_empty_and_says_nothing() -> None:
+    """Where the nominal robot has spots and the picture none, or the other way round, the pose stays empty without a number's warning."""
+    predicted = np.array([[[0.0, 0.0], [50.0, 0.0]], [[np.nan, np.nan]] * 2, [[10.0, 0.0], [60.0, 5.0]]])
+    poses = [pose_of("a"), pose_of("b", pixel_spot(10, 10)), pose_of("c", pixel_spot(11, 1), pixel_spot(61, 4))]
+    labelled = label_spots(poses, ("one", "two"), place, colours=("red", "red"), predicted=predicted)
+    assert [set(spots) for spots in labelled.spots] == [set(), set(), {"one", "two"}]
+    assert labelled.warnings == ["pose b: one spot, and the nominal beams make none; left empty"]
+
+
 def test_pictures_are_put_together_by_pose(tmp_path: Path) -> None:
     """Folders, and names with numbers where two poses have them, are poses; img_001, img_002 are two poses; p10 comes after p2."""
 
@@ -189,7 +198,7 @@ def test_pictures_are_put_together_by_pose(tmp_path: Path) -> None:
 
 
 def test_poses_are_joined_by_name_or_order(tmp_path: Path) -> None:
-    """Rows are found by the column image, else pose, else by order where the numbers agree; anything else is refused."""
+    """Rows are found by the column image or pose, by order only where neither is there and the numbers agree; else refused."""
 
     def rows(text: str, labels: tuple[str, ...] = ("b", "a")) -> list[int]:
         (tmp_path / "poses.csv").write_text(text)
@@ -198,6 +207,14 @@ def test_poses_are_joined_by_name_or_order(tmp_path: Path) -> None:
     assert rows("image,q\na.png,1\nb.png,2\n") == [1, 0]
     assert rows("pose;q [deg]\na;1,5\nb;2\nc;3\n") == [1, 0]
     assert rows("q\n1\n2\n") == [0, 1]
+    assert rows("image,pose\nIMG_1,a\nIMG_2,b\n") == [1, 0]
+    assert rows("pose\nhome pose!\nhome-pose\n", ("home-pose", "home_pose")) == [1, 0]
+    with pytest.raises(MeasurementError, match=r"column 'pose': no row\(s\) for the picture b.png, expected one; write a column 'image'"):
+        rows("pose,q\nfirst,1\nsecond,2\n")
+    with pytest.raises(MeasurementError, match=r"column 'pose': no row\(s\) for the picture b.png, expected one$"):
+        rows("pose,q\na,1\nsecond,2\n")
+    with pytest.raises(MeasurementError, match=r"poses.csv:2: column 'pose': 'my pose' names two pictures"):
+        rows("pose,q\nmy pose,1\n", ("my pose", "my_pose"))
     with pytest.raises(MeasurementError, match=r"poses.csv:1: column 'image': no row\(s\) for the picture b.png"):
         rows("image,q\na.png,1\n")
     with pytest.raises(MeasurementError, match="has 3 rows for 2 poses"):

@@ -129,6 +129,13 @@ class Chain:
                 placement = placement * step.joint.origin.inverse()
         return placement
 
+    def laser_axes(self, laser: int) -> Matrix:
+        """Axes of a laser in the module's, as the URDF has them, (3, 3); its beam is the third."""
+        rotation = np.eye(3)
+        for joint in self.laser_joints[laser]:
+            rotation = rotation @ joint.origin.rotation
+        return rotation
+
     def branches(self) -> list[list[UrdfJoint]]:
         """The moving joints in their URDF direction: those that carry the screen, then those that carry the module."""
         backward = [step.joint for step in self.moving if not step.forward][::-1]

@@ -14,6 +14,7 @@ Every entry may be missing:
     target: tool0                      # link of figaroh's columns x1, y1 ...
     sockets: {distances_mm: {'*/0 - */1': 50}}
     boards: {board: '9x6:25mm'}        # links that are chessboards: inner corners and the side of a square
+    beams: {laser_1: [0.02, 0.47, 0.88]}  # in module axes, that the parameters below are relative to; another robot is refused
     parameters:
       joint3.d_alpha: {sigma_deg: 0.1}
       slm.trans_x: {value_mm: 2.5, sigma_mm: 0.2}
@@ -27,8 +28,9 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from urdfcal.error_model import PriorScale
@@ -41,11 +43,15 @@ from urdfcal.reading_kinds import KINDS
 from urdfcal.slots import Kind
 from urdfcal.urdf_tree import FARTHEST
 
+if TYPE_CHECKING:
+    from urdfcal.robot import Robot
+
 Positive = Annotated[float, Field(ge=1e-9, le=FARTHEST, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=FARTHEST, allow_inf_nan=False)]
 Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 
 
+_ROUNDING = 0.01 * DEG  # of angles that were typed into a URDF
 _BOARD = re.compile(r"(\d+)x(\d+):(\d+\.?\d*)(mm|m)")
 
 
@@ -112,6 +118,7 @@ class RigFile(_Strict):
     estimate: list[Literal["beams", "beams4", "screen"]] = []
     noise: NoiseEntry = NoiseEntry()
     priors: dict[Literal["joint", "mount", "screen", "beam", "reference", "target", "place"], str] = {}
+    beams: dict[str, tuple[Finite, Finite, Finite]] = {}
     parameters: dict[str, ParameterEntry] = {}
     reference: str | None = None
     reference_known: bool = False
@@ -132,6 +139,14 @@ class RigFile(_Strict):
         for text in boards.values():
             _grid(text)
         return boards
+
+    @field_validator("beams")
+    @classmethod
+    def _directions(cls, beams: dict[str, Any]) -> dict[str, Any]:
+        for laser, beam in beams.items():
+            if not np.linalg.norm(beam) > 0:
+                raise ValueError(f"the beam of {laser} has no direction")
+        return beams
 
     @field_validator("parameters")
     @classmethod
@@ -154,6 +169,28 @@ class RigFile(_Strict):
             single={pattern: entry.prior() for pattern, entry in self.parameters.items()},
             reference_known=self.reference_known,
         )
+
+    def require_beams(self, robot: Robot, path: str | Path) -> None:
+        """Refuse a robot whose beams are not those that the parameters are relative to: they would be counted twice, or not at all.
+
+        Args:
+            robot: The robot.
+            path: This file, for the message.
+
+        Raises:
+            RigError: naming the laser.
+        """
+        for index, way in enumerate(robot.chain.laser_joints):
+            laser, actual = way[-1].child, robot.chain.laser_axes(index)[:, 2]
+            stated = np.array(self.beams.get(laser, actual))
+            off = float(np.arctan2(np.linalg.norm(np.cross(stated, actual)), stated @ actual))
+            if off > _ROUNDING:
+                there, here = (", ".join(f"{part:.4f}" for part in beam) for beam in (stated / np.linalg.norm(stated), actual))
+                raise RigError(
+                    f"entry 'beams': the parameters are relative to a {laser} along ({there}) in the module, but {robot.name} has it along "
+                    f"({here}), {off / DEG:.2f} deg beside; make the file for this robot with urdfcal module BENCH.csv --robot ROBOT",
+                    path,
+                )
 
     def grids(self) -> dict[str, Grid]:
         """Links that are boards."""

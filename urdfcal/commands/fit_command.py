@@ -22,6 +22,7 @@ from urdfcal.commands.inputs import (
     require_lasers_for,
     require_places,
     rig_file_of,
+    rig_options,
     sensor_noise,
 )
 from urdfcal.commands.options import (
@@ -192,7 +193,7 @@ def fit(
     of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
     require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator,
         "schedule": schedule,

@@ -10,6 +10,7 @@ from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
     from urdfcal.error_model import PriorScale
+    from urdfcal.gauge import ModelOptions
     from urdfcal.measurements import Measurements
     from urdfcal.rig_file import RigFile
     from urdfcal.robot import Robot
@@ -103,6 +104,17 @@ def rig_file_of(path: Path | None) -> RigFile:
     from urdfcal.rig_file import RigFile, read_rig_file
 
     return RigFile() if path is None else read_rig_file(path)
+
+
+def rig_options(rig: RigFile, path: Path | None, robot: Robot) -> ModelOptions:
+    """What a rig.yaml wants calibrated.
+
+    Raises:
+        RigError: it was made for a robot with other beams.
+    """
+    if path is not None:
+        rig.require_beams(robot, path)
+    return rig.options()
 
 
 def by_the_data(prior: str) -> bool:

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import say, show, warn
-from urdfcal.commands.inputs import about, joint_noise, load, measured, priors_of, require_lasers_for, rig_file_of, sensor_noise
+from urdfcal.commands.inputs import (
+    about,
+    joint_noise,
+    load,
+    measured,
+    priors_of,
+    require_lasers_for,
+    rig_file_of,
+    rig_options,
+    sensor_noise,
+)
 from urdfcal.commands.options import (
     CameraOption,
     DataFile,
@@ -116,7 +126,7 @@ def check(
     of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
     require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_file.options(), error_model, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(
         arm,
         data,

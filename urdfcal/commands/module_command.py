@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from urdfcal.commands.console import finish, say
+from urdfcal.commands.console import finish, say, warn
 from urdfcal.commands.inputs import load, positive, require_places
 from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
 from urdfcal.errors import UsageError
-
-if TYPE_CHECKING:
-    pass
 
 
 def module(
@@ -48,19 +45,23 @@ def module(
     import numpy as np
 
     from urdfcal.files import write_whole
+    from urdfcal.vision.bench_misreadings import beams_without_misreadings
     from urdfcal.vision.csv_table import read_csv_table
-    from urdfcal.vision.module_bench import beams_from_bench, readings_from
-    from urdfcal.vision.module_file import beam_priors, described, module_yaml, xacro_arguments
+    from urdfcal.vision.module_bench import readings_from
+    from urdfcal.vision.module_file import beam_priors, described, misreadings, module_yaml, xacro_arguments
 
     if not 0 <= squareness_deg <= 45:
         raise UsageError(f"--squareness-deg {squareness_deg:g}: expected a number from 0 to 45")
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_places(output, inputs=(bench, robot))
     arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
-    readings = readings_from(read_csv_table(bench, "one row a distance"))
-    result = beams_from_bench(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)
+    table = read_csv_table(bench, "one row a distance")
+    readings = readings_from(table)
+    result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)
+    warnings = misreadings(result, left_out, doubtful, table)
     priors = beam_priors(result, arm)
-    write_whole(output, module_yaml(result, np.radians(squareness_deg), arm))
+    write_whole(output, module_yaml(result, np.radians(squareness_deg), arm, warnings))
+    warn(warnings, quiet)
     say(verbose, f"{len(readings.distance)} distances; noise of a reading {result.noise * 1e3:.3f} mm")
     relative = f"the beams of {robot}" if robot else "a URDF that holds these angles"
     angles = {name: {"a": a, "b": b} for name, (a, b) in zip(result.lasers, result.angles.tolist(), strict=True)}
@@ -72,6 +73,9 @@ def module(
             "covariance": result.covariance.tolist(),
             "apex": None if result.apex is None else result.apex.tolist(),
             "reading_noise": result.noise,
+            "residual_rms": result.rms,
+            "left_out": [{"line": table.lines[wrong.row], "lasers": list(wrong.lasers), "off": wrong.off} for wrong in left_out],
+            "warnings": warnings,
             "priors": {name: {"value": value, "sigma": sigma} for name, (value, sigma) in priors.items()},
         }
         if as_json

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,10 +13,14 @@ from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, RobotFile
 from urdfcal.errors import UsageError, did_you_mean
 
 if TYPE_CHECKING:
+    from urdfcal.geometry import Matrix
     from urdfcal.robot import Robot
+    from urdfcal.vision.camera_model import Camera
     from urdfcal.vision.rendering import Beams
+    from urdfcal.vision.screen_markers import ScreenMarkers
 
 _COLOURS = ("red", "green", "blue")
+_SMALL_PX = 1.0
 
 
 def render(
@@ -32,7 +35,7 @@ def render(
         Path | None,
         typer.Option(
             metavar="YAML",
-            help="Lens and screen, from urdfcal camera. Default: a camera that sees all spots; DIR/camera.yaml says which.",
+            help="Lens and screen, from urdfcal camera. Default: one that sees spots and --markers; DIR/camera.yaml says which.",
             show_default=False,
         ),
     ] = None,
@@ -57,7 +60,10 @@ def render(
     dark: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write a picture with the lasers off (.png).", show_default=False)
     ] = None,
-    screen_size_m: Annotated[float, typer.Option(help="Side of the drawn screen in m.")] = 3.0,
+    screen_size_m: Annotated[
+        float | None,
+        typer.Option(help="Side of the screen in m; beams beside it make no spot. Default: 3, and they do.", show_default=False),
+    ] = None,
     seed: Seed = 0,
     screen: Screen = None,
     laser: Lasers = None,
@@ -86,18 +92,27 @@ def render(
         if word not in _COLOURS:
             raise UsageError(f"--colours {colours}: no laser colour '{word}'{did_you_mean(word, _COLOURS)}")
     words = words * len(arm.rig.lasers) if len(words) == 1 else words
+    if len(words) != len(arm.rig.lasers):
+        raise UsageError(f"--colours {colours}: {len(words)} colours for {len(arm.rig.lasers)} lasers")
+    if dark is not None and dark.suffix.lower() != ".png":
+        raise UsageError(f"--dark {dark}: ends in '{dark.suffix}', expected .png")
     for name, share in {"--halo": halo, "--light": light, "--gradient": gradient, "--missing": missing}.items():
         if not 0 <= share <= 1:
             raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
-    look = Beam(words[0], (positive("--spot-mm", spot_mm) or 4.0) * 1e-3 / 4, positive("--brightness", brightness) or 0.9, halo)
-    beams = _beams(arm, poses, calibrated)
-    view = usual_camera(beams.spots.reshape(-1, 2)) if camera is None else read_camera(camera)
+    diameter = (positive("--spot-mm", spot_mm) or 4.0) * 1e-3
+    look = Beam(words[0], diameter / 4, positive("--brightness", brightness) or 0.9, halo)
+    meant, side = _beams(arm, poses, calibrated), positive("--screen-size-m", screen_size_m)
+    beams = meant.within(side) if side else meant
+    layout = read_screen_markers(markers) if markers else None
+    view = usual_camera(beams.spots.reshape(-1, 2), _corners(layout)) if camera is None else read_camera(camera)
+    if layout is not None and layout.side != view.side:
+        raise UsageError(f"{markers}: side {layout.side}, but {camera or 'the camera without --camera'} looks from the {view.side}")
     studio = Studio(
         view,
         [Beam(word, look.width, look.brightness, look.halo) for word in words],
-        Lighting(light, gradient, screen_size=positive("--screen-size-m", screen_size_m) or 3.0),
+        Lighting(light, gradient, screen_size=side or 3.0),
         Sensor(tone=tone, mosaic=mosaic),
-        read_screen_markers(markers) if markers else None,
+        layout,
         glare,
         missing,
         frames,
@@ -110,7 +125,7 @@ def render(
     output.mkdir(exist_ok=True)
     if camera is None:
         write_whole(
-            output / "camera.yaml", camera_yaml(view, {"made_by": "urdfcal render: a camera that sees all spots; none was calibrated"})
+            output / "camera.yaml", camera_yaml(view, {"made_by": "urdfcal render: a camera that sees the spots; none was calibrated"})
         )
     shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
     with ProgressBar("rendering", len(names) * frames, quiet or as_json) as advance:
@@ -124,8 +139,7 @@ def render(
             advance()
     write_whole(output / "truth.csv", truth_csv(names, arm.rig.lasers, view, beams, shown))
     count = int(np.sum(shown))
-    outside = int(np.isfinite(beams.spots[..., 0]).sum()) - count
-    warn([f"{outside} spots are left out or outside of the picture"] if outside else [], quiet)
+    warn([*_unshown(meant, beams, view, count), *_too_small(beams, view, diameter)], quiet)
     beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
     finish(
         {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
@@ -157,9 +171,45 @@ def _corrected(arm: Robot, calibrated: Path) -> Robot:
     return corrected_robot(arm, origins)
 
 
+def _corners(layout: ScreenMarkers | None) -> Matrix | None:
+    """Corners (k, 2) of all the markers, [m]."""
+    import numpy as np
+
+    return None if layout is None else np.vstack([layout.corners_of(marker)[:, 1:] for marker in layout.centres])
+
+
+def _unshown(meant: Beams, beams: Beams, view: Camera, count: int) -> list[str]:
+    """A warning about spots that no picture shows: the robot's, those on the screen, and how many are shown."""
+    from urdfcal.vision.rendering import in_picture
+
+    inside = int(in_picture(view, beams.spots.reshape(-1, 2)).sum())
+    lost = {"beside the screen": meant.count - beams.count, "outside of the picture": beams.count - inside, "left out": inside - count}
+    told = [f"{number} {where}" for where, number in lost.items() if number]
+    return [f"not shown of {meant.count} spots: {', '.join(told)}"] if told else []
+
+
+def _too_small(beams: Beams, view: Camera, diameter: float) -> list[str]:
+    """A warning about spots that hardly a pixel shows."""
+    import numpy as np
+
+    from urdfcal.vision.rendering import in_picture, widths_px
+
+    spots = beams.spots.reshape(-1, 2)
+    widths = widths_px(view, spots[in_picture(view, spots)], diameter)
+    small = widths[np.isfinite(widths) & (widths < _SMALL_PX)]
+    if not len(small):
+        return []
+    return [
+        f"{len(small)} of {len(widths)} spots are under {_SMALL_PX:g} px wide (down to {small.min():.2g} px) and will hardly be found; "
+        "the camera is far away; look from nearer with --camera, or widen the beam with --spot-mm"
+    ]
+
+
 def _names(labels: list[str]) -> list[str]:
     """Names of pictures, one a pose."""
-    names = [re.sub(r"[^\w.+-]+", "_", label).strip("._") or "pose" for label in labels]
+    from urdfcal.vision.spot_images import picture_name
+
+    names = [picture_name(label) for label in labels]
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise UsageError(f"two poses would both be the picture '{twice}.png'; give them different labels in the column 'pose'")

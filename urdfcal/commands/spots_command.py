@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.commands.console import ProgressBar, finish, say, warn
-from urdfcal.commands.inputs import load, positive, require_places
+from urdfcal.commands.inputs import listed, load, positive, require_places
 from urdfcal.commands.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
 from urdfcal.errors import UsageError, did_you_mean
 
@@ -32,20 +32,26 @@ def spots(
     pixels: Annotated[bool, typer.Option("--pixels", help="Also write <laser>.u .v .sigma_px, as the picture has them.")] = False,
     poses: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Joint columns; rows found by the column image or pose, else by order.", show_default=False),
+        typer.Option(metavar="CSV", help="Joint columns; rows by the column image or pose, by order without both.", show_default=False),
     ] = None,
     robot: Annotated[
         Path | None,
         typer.Option(metavar="ROBOT", help="URDF or xacro: laser names; with --poses it tells which spot is whose.", show_default=False),
     ] = None,
-    lasers: Annotated[int, typer.Option(min=1, max=9, help="How many lasers there are, without --robot.")] = 2,
+    lasers: Annotated[
+        int | None, typer.Option(min=1, max=9, help="How many lasers there are, without --robot. Default: 2.", show_default=False)
+    ] = None,
     colours: Annotated[
         str | None,
         typer.Option(metavar="RED,GREEN", help="Each laser's colour: red, green or blue. Default: found out.", show_default=False),
     ] = None,
     order: Annotated[
-        str, typer.Option(help="Which laser is the first where nothing else says so, seen from the front: left-right or right-left.")
-    ] = "left-right",
+        str | None,
+        typer.Option(
+            help="Which laser is the first where nothing else says so, seen from the front: left-right or right-left. Default: left-right.",
+            show_default=False,
+        ),
+    ] = None,
     dark: Annotated[
         Path | None, typer.Option(metavar="IMAGE", help="Picture with the lasers off; needed for grey pictures.", show_default=False)
     ] = None,
@@ -77,22 +83,27 @@ def spots(
     from urdfcal.vision.csv_table import read_csv_table
     from urdfcal.vision.spot_detector import SpotLimits
     from urdfcal.vision.spot_images import by_pose, image_files, read_picture
-    from urdfcal.vision.spot_run import SpotSearch, spots_of
+    from urdfcal.vision.spot_run import SpotSearch, drawing_places, spots_of
     from urdfcal.vision.spot_table import joined, known_labels, spots_csv
 
     if camera is None and not pixels:
         raise UsageError("spots need --camera CAMERA.yaml to be in metres on the screen, or --pixels")
     if frames not in ("auto", "one", "named"):
         raise UsageError(f"--frames {frames}: expected auto, one or named")
-    if order not in ("left-right", "right-left"):
+    if order not in (None, "left-right", "right-left"):
         raise UsageError(f"--order {order}: expected left-right or right-left")
+    if robot is None and (screen or xacro_arg or package_dir):
+        raise UsageError("--screen, --xacro-arg and --package-dir are about a robot: name it with --robot, or leave them out")
+    if camera is None and screen_size_m is not None:
+        raise UsageError("--screen-size-m needs --camera: pixels alone do not say where on the screen a spot lies")
     arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
-    names = arm.rig.lasers if arm else tuple(laser) if laser else tuple(f"laser_{number}" for number in range(1, lasers + 1))
+    names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
     require_places(output, inputs=(camera, poses, robot, dark, *files))
-    _require_folder(debug)
     table = read_csv_table(poses, "one row a pose") if poses else None
     groups = by_pose(files, images, frames, known_labels(table) if table else ())  # type: ignore[arg-type]
+    if debug is not None:
+        _require_debug(debug, images, files, list(drawing_places(groups, debug).values()), (output, camera, poses, robot, dark))
     rows, by_order = joined(groups, table) if table else ([], "")
     view = read_camera(camera) if camera else None
     if view is not None:
@@ -104,13 +115,18 @@ def spots(
         view,
         read_picture(dark, view.size if view else None) if dark else None,
         SpotLimits(largest=positive("--largest-px", largest_px) or 15.0),
-        order == "left-right",
+        order != "right-left",
         half / 2 if half else None,
         still,
     )
     predicted = _predicted(arm, table, rows) if arm and table and view else None
     with ProgressBar("looking", len(files), quiet or as_json) as advance:
         found = spots_of(search, groups, predicted, advance)
+    if arm and view is None and order is None and found.labelled.ordered and any(found.labelled.spots):
+        raise UsageError(
+            f"--robot without --camera: pixels and one colour do not say which spot is whose of {listed(names)}; give --camera CAMERA.yaml "
+            "with --poses, their --colours if they differ, or --order if you know it"
+        )
     content = spots_csv(
         list(groups),
         found.labelled.spots,
@@ -143,15 +159,36 @@ def spots(
     )
 
 
+def _lasers(arm: Robot | None, laser: list[str] | None, count: int | None) -> tuple[str, ...]:
+    """Names of the lasers: the robot's, else those that were named, else numbered.
+
+    Raises:
+        UsageError: another number of lasers was stated.
+    """
+    names = arm.rig.lasers if arm else tuple(laser or ())
+    if names and count is not None and count != len(names):
+        raise UsageError(f"--lasers {count}: {'the robot has' if arm else '--laser names'} {len(names)}: {listed(names)}")
+    return names or tuple(f"laser_{number}" for number in range(1, (count or 2) + 1))
+
+
 def _nowhere() -> Any:
     import numpy as np
 
     return np.zeros((1, 2))
 
 
-def _require_folder(debug: Path | None) -> None:
-    if debug is not None and (not debug.parent.is_dir() or (debug.exists() and not debug.is_dir())):
+def _require_debug(debug: Path, images: list[Path], files: list[Path], drawings: list[Path], others: tuple[Path | None, ...]) -> None:
+    """Refuse a folder for drawings that cannot be one, and one where a drawing would fall on another file or be taken for a picture."""
+    if not debug.parent.is_dir() or (debug.exists() and not debug.is_dir()):
         raise UsageError(f"{debug}: cannot be made a folder for the drawings of --debug")
+    folder, above = debug.resolve(), {place.resolve() for place in images if place.is_dir()}
+    if folder in {path.parent.resolve() for path in files} | above or folder.parent in above:
+        raise UsageError(f"--debug {debug}: pictures are looked for there; name another folder, so that no drawing replaces or joins them")
+    taken = {path.resolve() for path in (*files, *others) if path is not None}
+    for place in drawings:
+        if place.resolve() in taken or drawings.count(place) > 1:
+            what = "another file of this command" if place.resolve() in taken else "another drawing"
+            raise UsageError(f"--debug {debug}: a drawing would fall on {place}, {what}; name another folder, or the pictures otherwise")
 
 
 def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:

@@ -24,7 +24,9 @@ from urdfcal.vision.csv_table import LENGTHS, CsvTable
 
 _PER_LASER = 4  # a, b, x0, y0
 _MOST_STEPS, _CLOSE = 50, 1e-10
-_LEAST_DOF = 3
+LEAST_DOF = 3
+_NEAREST, _FARTHEST = 1e-3, 50.0  # [m] that a plane can be away
+_WIDEST, _ALWAYS = 10.0, 1.0  # a reading is no farther aside than so many distances, or metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +57,7 @@ class BenchResult:
         stated: Whether the noise was stated and not estimated.
         residual: Read minus predicted, (n, lasers, 2), [m]; nan where not read.
         apex: The point nearest to all beams, (3,), in module axes, [m]; None with one laser.
+        distance: Of the plane, (n,), [m].
     """
 
     lasers: tuple[str, ...]
@@ -65,6 +68,18 @@ class BenchResult:
     stated: bool
     residual: Array3
     apex: Vector | None
+    distance: Vector
+
+    @property
+    def rms(self) -> float:
+        """RMS of a coordinate's residual, [m]."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+    @property
+    def worst(self) -> tuple[int, int]:
+        """Row and laser of the reading that is farthest off."""
+        row, laser = np.unravel_index(np.nanargmax(np.linalg.norm(self.residual, axis=2)), self.residual.shape[:2])
+        return int(row), int(laser)
 
     @property
     def angle_sigmas(self) -> Matrix:
@@ -99,10 +114,30 @@ def readings_from(table: CsvTable) -> BenchReadings:
     for row in np.flatnonzero(distance <= 0):
         raise table.fail(int(row), "distance", f"'{table.columns['distance'][row]}' is not above zero")
     readings = BenchReadings(lasers, distance, np.stack(pairs, axis=1))
+    _require_sense(readings, table)
     for index, laser in enumerate(lasers):
         if len(set(distance[np.isfinite(pairs[index][:, 0])])) < 2:
             raise MeasurementError(f"{laser} was read at fewer than two distances; a direction needs two", table.path)
     return readings
+
+
+def _require_sense(readings: BenchReadings, table: CsvTable) -> None:
+    """Refuse distances and readings that no bench has: their unit is another than the header's.
+
+    Raises:
+        MeasurementError: naming line and column.
+    """
+    for row in np.flatnonzero((readings.distance < _NEAREST) | (readings.distance > _FARTHEST)):
+        _refuse(table, int(row), "distance", readings.distance[row] > _FARTHEST, "a distance of 0.001 to 50 m")
+    for row, laser, axis in np.argwhere(np.abs(readings.spots) > np.maximum(_WIDEST * readings.distance, _ALWAYS)[:, None, None]):
+        _refuse(table, int(row), f"{readings.lasers[laser]}.{'xy'[axis]}", True, f"no more than {_WIDEST:g} times the distance")
+
+
+def _refuse(table: CsvTable, row: int, column: str, far: bool, expected: str) -> None:
+    unit = table.units.get(column, "m")
+    other = "mm" if far and unit == "m" else "m" if unit == "mm" and not far else ""
+    way_out = f"; if it is in {other}, head the column '{column} [{other}]'" if other else ""
+    raise table.fail(row, column, f"{table.columns[column][row]} {unit}, expected {expected}{way_out}")
 
 
 def beams_from_bench(readings: BenchReadings, squareness: float = 0.2 * DEG, noise: float | None = None) -> BenchResult:
@@ -117,27 +152,40 @@ def beams_from_bench(readings: BenchReadings, squareness: float = 0.2 * DEG, noi
         UsageError: there are too few readings to estimate their noise, or they fit no beams.
     """
     seen = np.isfinite(readings.spots)
-    dof = int(seen.sum()) - _PER_LASER * len(readings.lasers)
-    if noise is None and dof < _LEAST_DOF:
+    dof = freedom(readings)
+    if noise is None and dof < LEAST_DOF:
         raise UsageError(
-            f"{int(seen.sum()) // 2} readings leave {dof} to estimate their noise from, at least {_LEAST_DOF} are needed; "
+            f"{int(seen.sum()) // 2} readings leave {dof} to estimate their noise from, at least {LEAST_DOF} are needed; "
             "read more distances, or state it with --reading-sigma-mm"
         )
-    x = _start(readings)
+    x = start(readings)
     weight = noise or 1e-3
     for _ in range(2 if noise is None else 1):  # the weight of the tilts' prior needs the noise
-        x, covariance, residual = _solved(readings, x, squareness, weight)
+        x, covariance, residual = solved(readings, x, squareness, weight)
         if noise is None:
             weight = max(float(np.sqrt(np.nansum(residual**2) / dof)), 1e-7)
-    x, covariance, residual = _solved(readings, x, squareness, weight)
+    x, covariance, residual = solved(readings, x, squareness, weight)
     if noise is None and dof > 2:
-        own = _solved(readings, x, 0.0, weight)[1]  # what comes of the readings' noise alone is known through few degrees of freedom
+        own = solved(readings, x, 0.0, weight)[1]  # what comes of the readings' noise alone is known through few degrees of freedom
         covariance = covariance + own * (dof / (dof - 2) - 1)
     states = x[:-2].reshape(-1, _PER_LASER)
     kept = len(x) - 2
     return BenchResult(
-        readings.lasers, states[:, :2], states[:, 2:], covariance[:kept, :kept], weight, noise is not None, residual, _apex(states)
+        readings.lasers,
+        states[:, :2],
+        states[:, 2:],
+        covariance[:kept, :kept],
+        weight,
+        noise is not None,
+        residual,
+        _apex(states),
+        readings.distance,
     )
+
+
+def freedom(readings: BenchReadings) -> int:
+    """Degrees of freedom that the readings leave."""
+    return int(np.isfinite(readings.spots).sum()) - _PER_LASER * len(readings.lasers)
 
 
 def predicted_readings(x: Vector, distance: Vector) -> Array3:
@@ -153,8 +201,8 @@ def predicted_readings(x: Vector, distance: Vector) -> Array3:
     return found
 
 
-def _start(readings: BenchReadings) -> Vector:
-    """From straight lines through the readings, the plane taken as square."""
+def start(readings: BenchReadings) -> Vector:
+    """A state, from straight lines through the readings, the plane taken as square."""
     state = []
     for index in range(len(readings.lasers)):
         seen = np.isfinite(readings.spots[:, index, 0])
@@ -165,14 +213,14 @@ def _start(readings: BenchReadings) -> Vector:
     return np.array([*state, 0.0, 0.0])
 
 
-def _solved(readings: BenchReadings, x: Vector, squareness: float, noise: float) -> tuple[Vector, Matrix, Array3]:
-    """State, its covariance and the residuals."""
+def solved(readings: BenchReadings, x: Vector, squareness: float, noise: float) -> tuple[Vector, Matrix, Array3]:
+    """State, its covariance and the residuals, from a first state, the squareness [rad] and the noise of a reading [m]."""
     seen = np.isfinite(readings.spots).ravel()
     free = len(x) if squareness > 0 else len(x) - 2
     for _ in range(_MOST_STEPS):
         residual = (readings.spots - predicted_readings(x, readings.distance)).ravel()[seen]
-        jacobian = _jacobian(x, readings.distance)[seen] / noise
-        normal, right = jacobian.T @ jacobian, jacobian.T @ (residual / noise)
+        by_x = jacobian(x, readings.distance)[seen] / noise
+        normal, right = by_x.T @ by_x, by_x.T @ (residual / noise)
         if squareness > 0:
             normal[-2:, -2:] += np.eye(2) / squareness**2
             right[-2:] -= x[-2:] / squareness**2
@@ -188,8 +236,8 @@ def _solved(readings: BenchReadings, x: Vector, squareness: float, noise: float)
     return x, covariance, readings.spots - predicted_readings(x, readings.distance)
 
 
-def _jacobian(x: Vector, distance: Vector, step: float = 1e-6) -> Matrix:
-    """Central differences; the state has a dozen numbers and the readings are smooth."""
+def jacobian(x: Vector, distance: Vector, step: float = 1e-6) -> Matrix:
+    """How readings move with the state, (2 n lasers, states), by central differences: it has a dozen numbers, and they are smooth."""
     shifts = np.eye(len(x)) * step
     return np.stack(
         [(predicted_readings(x + d, distance) - predicted_readings(x - d, distance)).ravel() / (2 * step) for d in shifts], axis=1

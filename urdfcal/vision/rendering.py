@@ -17,7 +17,7 @@ import numpy.typing as npt
 from urdfcal.errors import UsageError
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
 from urdfcal.gauge import build_error_model
-from urdfcal.geometry import Array3, Matrix
+from urdfcal.geometry import Array3, Matrix, Vector
 from urdfcal.robot import Robot
 from urdfcal.sensors import makes_spot, spots_on_screen
 from urdfcal.vision.camera_model import Camera
@@ -37,6 +37,16 @@ class Beams:
 
     spots: Array3
     direction: Array3
+
+    def within(self, side: float) -> Beams:
+        """Those that meet a square screen of some side [m] around the origin; the others make no spot."""
+        inside = np.asarray((np.abs(self.spots) <= side / 2).all(axis=-1))
+        return Beams(np.where(inside[..., None], self.spots, np.nan), self.direction)
+
+    @property
+    def count(self) -> int:
+        """How many spots there are."""
+        return int(np.isfinite(self.spots[..., 0]).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +143,18 @@ def _shine(light: Light, studio: Studio, beams: Beams, pose: int, index: int) ->
         return False
     own, rows, columns = found
     light[rows, columns] += own
-    centre = studio.camera.pixels_of_spots(spot[None])[0]
-    return bool((centre >= 0).all() and (centre <= np.array(studio.camera.size) - 1).all())
+    return bool(in_picture(studio.camera, spot[None])[0])
+
+
+def in_picture(camera: Camera, spots: Matrix) -> npt.NDArray[np.bool_]:
+    """Which spots (n, 2), [m], have their centre in a camera's picture, (n,)."""
+    pixels = camera.pixels_of_spots(spots)
+    return np.asarray(((pixels >= 0) & (pixels <= np.array(camera.size) - 1)).all(axis=1))
+
+
+def widths_px(camera: Camera, spots: Matrix, diameter: float) -> Vector:
+    """How wide beams of some diameter [m] are in the picture where they make spots (n, 2), (n,), [px]."""
+    return np.asarray(diameter / np.sqrt(np.abs(np.linalg.det(camera.spot_jacobian(camera.pixels_of_spots(spots))))))
 
 
 def png(pixels: Pixels) -> bytes:

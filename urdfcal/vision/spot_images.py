@@ -137,6 +137,11 @@ def natural(text: str) -> list[tuple[int, int | str]]:
     return [(0, int(part)) if part.isdigit() else (1, part) for part in re.split(r"(\d+)", text) if part]
 
 
+def picture_name(label: str) -> str:
+    """What a picture of a pose can be named: the pose's label without what file names do not take."""
+    return re.sub(r"[^\w.+-]+", "_", label).strip("._") or "pose"
+
+
 def by_pose(
     files: Sequence[Path], folders: Sequence[Path], grouping: Grouping = "auto", known: Collection[str] = ()
 ) -> dict[str, list[Path]]:

@@ -34,10 +34,12 @@ class Labelled:
     Attributes:
         spots: For each pose, the spot of each laser.
         warnings: What was left without a label, and why.
+        ordered: Whether lasers of one colour were told apart by nothing but their order from left to right.
     """
 
     spots: list[dict[str, PixelSpot]]
     warnings: list[str] = field(default_factory=list)
+    ordered: bool = False
 
 
 def label_spots(
@@ -59,6 +61,7 @@ def label_spots(
     """
     result = Labelled([{} for _ in poses])
     colours = list(colours) if colours is not None else _colours(poses, lasers, place, predicted, result)
+    result.ordered = predicted is None and len(set(colours)) < len(colours)
     for colour in dict.fromkeys(colours):
         mine = [index for index, own in enumerate(colours) if own == colour]
         group = _Group(poses, [lasers[index] for index in mine], colour, place, None if predicted is None else predicted[:, mine])
@@ -196,6 +199,8 @@ def _best(places: Matrix, ideal: Matrix, centred: bool) -> tuple[list[int], bool
     there = np.flatnonzero(np.isfinite(ideal).all(axis=1))
     centred = centred and len(places) == len(there) > 1
     count = min(len(places), len(there))
+    if not count:
+        return [-1] * len(ideal), False, centred
     ways = []
     for chosen in permutations(range(len(places)), count):
         for lasers in _subsets(there, count):
@@ -206,8 +211,6 @@ def _best(places: Matrix, ideal: Matrix, centred: bool) -> tuple[list[int], bool
                 way[laser] = spot
             ways.append((float(np.sqrt((off**2).mean())), way))
     ways.sort(key=lambda way: way[0])
-    if not ways or not count:
-        return [-1] * len(ideal), False, centred
     sure = len(ways) == 1 or ways[0][0] < _SURE * ways[1][0]
     return ways[0][1], sure, centred
 

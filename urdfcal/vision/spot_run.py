@@ -97,12 +97,18 @@ class SpotsFound:
 
     def drawings(self, groups: Mapping[str, Sequence[Path]], folder: Path) -> dict[str | Path, bytes]:
         """Every picture with what was found drawn on it, by the place where it belongs."""
-        files: dict[str | Path, bytes] = {}
-        for (_, paths), spots in zip(groups.items(), self.labelled.spots, strict=True):
-            for path in paths:
-                own = folder / f"{path.stem}.jpg"
-                files[own if own not in files else folder / f"{path.parent.name}_{path.stem}.jpg"] = drawn(path, self.pictures[path], spots)
-        return files
+        places = drawing_places(groups, folder)
+        spots_of_pose = zip(groups.values(), self.labelled.spots, strict=True)
+        return {places[path]: drawn(path, self.pictures[path], spots) for paths, spots in spots_of_pose for path in paths}
+
+
+def drawing_places(groups: Mapping[str, Sequence[Path]], folder: Path) -> dict[Path, Path]:
+    """Where the drawing of each picture belongs: `<picture>.jpg`, with the picture's own folder before it where that is taken."""
+    places: dict[Path, Path] = {}
+    for path in (path for paths in groups.values() for path in paths):
+        own = folder / f"{path.stem}.jpg"
+        places[path] = own if own not in places.values() else folder / f"{path.parent.name}_{path.stem}.jpg"
+    return places
 
 
 def spots_of(

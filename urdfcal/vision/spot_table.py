@@ -19,47 +19,62 @@ from urdfcal.robot import Robot
 from urdfcal.vision.camera_model import Camera
 from urdfcal.vision.csv_table import ANGLES, LENGTHS, CsvTable
 from urdfcal.vision.spot_detector import PixelSpot
+from urdfcal.vision.spot_images import picture_name
 
+_NAMING = ("image", "pose")  # columns that name pictures
 _SPOT_ENDINGS = (".y", ".z", ".sigma", ".u", ".v", ".sigma_px")
 
 
 def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[int], str]:
     """The table's row of every pose, and a warning where nothing but the order says so.
 
-    Rows are found by the column `image` (a file's name, with or without its ending, or the pose's label), else by the column `pose`
-    if it holds any of the labels, else by order.
+    Rows are found by the column `image` (a file's name, with or without its ending, or the pose's label), or by the column `pose` if
+    the other is missing or names none of the pictures; by order if the table has neither column. A cell names what it says, or what
+    a picture made of it is named (`home pose`: home_pose.png).
 
     Raises:
         MeasurementError: a pose has no row, or two; or order is all there is and the numbers differ.
     """
-    column = "image" if "image" in table.columns else "pose"
-    cells = table.columns.get(column, [])
-    rows = {label: [row for row, cell in enumerate(cells) if cell in _names(label, paths)] for label, paths in groups.items()}
-    if column == "image" or any(rows.values()):
-        for label, found in rows.items():
-            if len(found) != 1:
-                raise MeasurementError(
-                    f"column '{column}': {len(found) or 'no'} row(s) for the picture {groups[label][0].name}, expected one",
-                    table.path,
-                    table.lines[found[1]] if found else table.header_line,
-                )
-        return [found[0] for found in rows.values()], ""
+    columns = [name for name in _NAMING if name in table.columns]
+    if not columns:
+        return _by_order(groups, table)
+    found = {name: {label: _rows_of(table.columns[name], label, paths) for label, paths in groups.items()} for name in columns}
+    column = next((name for name in columns if any(found[name].values())), columns[0])
+    for label, matches in found[column].items():
+        if len(matches) != 1:
+            none = "" if any(found[column].values()) else "; write a column 'image' with the pictures' names, or have none to join by order"
+            raise MeasurementError(
+                f"column '{column}': {len(matches) or 'no'} row(s) for the picture {groups[label][0].name}, expected one{none}",
+                table.path,
+                table.lines[matches[1]] if matches else table.header_line,
+            )
+    rows = [row for (row,) in found[column].values()]
+    for row in rows:
+        if rows.count(row) > 1:
+            raise table.fail(row, column, f"'{table.columns[column][row]}' names two pictures; write a column 'image' with whole names")
+    return rows, ""
+
+
+def _by_order(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[int], str]:
     if len(table) != len(groups):
         raise MeasurementError(
             f"has {len(table)} rows for {len(groups)} poses with pictures, and no column 'image' or 'pose' that names the pictures",
             table.path,
         )
-    first = next(iter(groups))
-    return list(range(len(table))), f"{table.path}: no column 'image' or 'pose' names the pictures; joined by order, the first is {first}"
+    return list(range(len(table))), f"{table.path}: has no column 'image' or 'pose'; joined by order, the first is {next(iter(groups))}"
 
 
-def _names(label: str, paths: Sequence[Path]) -> set[str]:
-    return {label, *(path.name for path in paths), *(path.stem for path in paths)}
+def _rows_of(cells: Sequence[str], label: str, paths: Sequence[Path]) -> list[int]:
+    """The rows that name a pose: to the letter, else as a file is named after them."""
+    names = {label, *(path.name for path in paths), *(path.stem for path in paths)}
+    rows = [row for row, cell in enumerate(cells) if cell in names]
+    return rows or [row for row, cell in enumerate(cells) if picture_name(cell) in names]
 
 
 def known_labels(table: CsvTable) -> set[str]:
-    """What a table calls its poses."""
-    return {cell for column in ("image", "pose") for cell in table.columns.get(column, [])}
+    """What a table calls its poses, and what their pictures can be named."""
+    cells = {cell for column in _NAMING for cell in table.columns.get(column, [])}
+    return cells | {picture_name(cell) for cell in cells}
 
 
 def joint_positions(table: CsvTable, robot: Robot) -> Matrix:
@@ -95,7 +110,7 @@ def spots_csv(
     """The CSV.
 
     Args:
-        labels: Label of each pose.
+        labels: Label of each pose; the table's own goes before it.
         spots: The spot of each laser in each pose.
         lasers: Names of the lasers.
         camera: Makes the columns `.y .z .sigma` [m].
@@ -116,7 +131,8 @@ def spots_csv(
         cells = [_plain(table, name, table.columns[name][rows[pose]]) for name in copied] if table else []
         for laser in lasers:
             cells += _cells(spots[pose].get(laser), camera, pixels, len(endings))
-        writer.writerow([label.lstrip("# "), *cells])
+        own = table.columns["pose"][rows[pose]] if table and "pose" in table.columns else ""
+        writer.writerow([(own or label).lstrip("# "), *cells])
     return text.getvalue().encode(errors="backslashreplace")
 
 

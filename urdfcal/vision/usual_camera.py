@@ -1,4 +1,4 @@
-"""A camera to try things with where there is none: it looks at the screen from one side, and sees all the spots."""
+"""A camera to try things with where there is none: it looks at the screen from one side, and sees the spots and the markers."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ _BARREL = np.array([-0.12, 0.02, 0.0, 0.0, 0.0])  # k1 k2 p1 p2 k3
 _OBLIQUE = 25 * DEG  # beside the beams' way
 _ROUND = 1.15  # times as far away as would just do
 _NEAREST = 0.5  # [m]
+_FAR_OFF = 5.0  # times farther from the middle than half of the spots are: too far for a camera that is to see the rest well
 _TOWARDS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # screen axes in a camera that looks along the screen's +x
 
 
-def usual_camera(spots: Matrix) -> Camera:
-    """A plain camera in front of the screen that sees all of some spots.
+def usual_camera(spots: Matrix, marks: Matrix | None = None) -> Camera:
+    """A plain camera in front of the screen that sees some spots, but for single ones far off.
 
     Args:
         spots: (n, 2) = (y, z) on the screen, [m]; nan where there is none.
+        marks: What it must see beside them, (k, 2).
 
     Raises:
         UsageError: there is no spot to look at.
@@ -30,11 +32,17 @@ def usual_camera(spots: Matrix) -> Camera:
     seen = spots[np.isfinite(spots).all(axis=1)]
     if not len(seen):
         raise UsageError("no beam meets the screen in these poses, so there is nothing that a camera could look at")
+    seen = np.vstack([_without_far_off(seen), np.empty((0, 2)) if marks is None else marks])
     middle = np.append(0.0, (seen.min(axis=0) + seen.max(axis=0)) / 2)
     distance = _NEAREST
     while not _sees(_camera(middle, distance), seen):
         distance *= 1.1
     return _camera(middle, _ROUND * distance)
+
+
+def _without_far_off(spots: Matrix) -> Matrix:
+    away = np.linalg.norm(spots - np.median(spots, axis=0), axis=1)
+    return np.asarray(spots[away <= max(_FAR_OFF * float(np.median(away)), _NEAREST)])
 
 
 def _camera(middle: Matrix, distance: float) -> Camera:
