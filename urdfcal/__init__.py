@@ -16,7 +16,8 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from urdfcal.calibration import Calibration, fit
     from urdfcal.compensation import load_compensation
-    from urdfcal.errors import FitRejected, InputError, UrdfcalError
+    from urdfcal.error_model import PriorScale
+    from urdfcal.errors import FitRejected, InputError, UrdfcalError, UsageError
     from urdfcal.evaluation import evaluate
     from urdfcal.gauge import ModelOptions
     from urdfcal.gravity import Gravity
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from urdfcal.sag import fit_sag
     from urdfcal.stored_calibration import StoredCalibration, apply
     from urdfcal.stored_calibration import read_calibration as load_calibration
+    from urdfcal.validation import holdout, kfold
 
 _HOME = {
     "Calibration": "calibration",
@@ -38,6 +40,10 @@ _HOME = {
     "FitRejected": "errors",
     "InputError": "errors",
     "UrdfcalError": "errors",
+    "UsageError": "errors",
+    "PriorScale": "error_model",
+    "holdout": "validation",
+    "kfold": "validation",
     "ModelOptions": "gauge",
     "OnlineCalibrator": "online",
     "Gravity": "gravity",
@@ -61,13 +67,17 @@ __all__ = [
     "Measurements",
     "ModelOptions",
     "OnlineCalibrator",
+    "PriorScale",
     "Robot",
     "StoredCalibration",
     "UrdfcalError",
+    "UsageError",
     "apply",
     "evaluate",
     "fit",
     "fit_sag",
+    "holdout",
+    "kfold",
     "load_calibration",
     "load_compensation",
     "load_robot",

@@ -40,7 +40,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
         "noise": {
             "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
             "spot_sigma_stated": noise.all_stated,
-            "extra": dict(calibration.extra_noise),
+            "extra_noise": dict(calibration.extra_noise),
             "sigma": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
             "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
         },

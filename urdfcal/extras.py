@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.error_table import rms_mm
-from urdfcal.fit_result import FitResult
+from urdfcal.fit_result import CrossValidation, FitResult
 from urdfcal.geometry import MM
 from urdfcal.prediction import SpotAccuracy, base_link, poses_in_view, spot_accuracy, tool_sigma
 from urdfcal.report import spot_table_block, table_json
 from urdfcal.robot import Robot
 from urdfcal.simulation import joint_limits
-from urdfcal.validation import CrossValidation
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -29,6 +29,29 @@ _MOST_WANDER = 1 * DEG  # a beam that scatters more is not one of a calibrated a
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
 
+@dataclass(frozen=True)
+class CrossValidation:
+    """How well poses are predicted that were not fitted, each pose held out once.
+
+    Attributes:
+        before, after: Spot distances over all poses, each predicted without it: with the nominal robot, and calibrated.
+        fold_rms_mm: RMS distance over the held-out poses of each fold, (folds,), [mm].
+        spots: Whether nothing but spots was measured.
+        rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
+    """
+
+    before: SpotTable
+    after: SpotTable
+    fold_rms_mm: Vector
+    rejected: tuple[str, ...]
+    spots: bool = True
+
+    @property
+    def folds(self) -> int:
+        """Number of fits."""
+        return len(self.fold_rms_mm)
+
+
 @dataclass(frozen=True, repr=False)
 class FitResult:
     """What a fit found, as data; nothing in it is ever changed.
@@ -50,7 +73,7 @@ class FitResult:
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
         test_outliers: Gross outliers among the test poses, left out of their table.
-        folds: Distances before and after of poses that were left out in turn, and how many fits that took; None if it was not asked.
+        folds: Distances of poses that were left out in turn; None if it was not asked.
         misfits: Chi-squared by kind of reading.
         extra_noise: What readings scatter beyond what their columns state, by kind, [m], [rad] or [px].
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
@@ -75,7 +98,7 @@ class FitResult:
     outliers: tuple[Outlier, ...] = ()
     evidence: Evidence | None = None
     test_outliers: tuple[Outlier, ...] = ()
-    folds: tuple[SpotTable, SpotTable, int] | None = None
+    folds: CrossValidation | None = None
     extra_noise: Mapping[str, float] = field(default_factory=dict)
 
     @property

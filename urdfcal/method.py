@@ -52,14 +52,14 @@ class Method:
             raise UsageError(f"no estimator '{self.estimator}'; there are: {', '.join(ESTIMATORS)}")
         if self.schedule not in SCHEDULES:
             raise UsageError(f"no schedule '{self.schedule}'; there are: {', '.join(SCHEDULES)}")
+        if not (self.q >= 0 and self.r > 0):
+            raise UsageError(f"Q must not be negative and R must be above zero, found q = {self.q:g} and r = {self.r:g}")
         if self.estimator != "ekf" and self.schedule == "paper":
             raise UsageError(f"the schedule 'paper' is the EKF's; the estimator '{self.estimator}' has none")
         if not self.as_published and (self.q, self.r) != (USUAL_Q, USUAL_R):
             raise UsageError("process and measurement noise (q, r) belong to the schedule 'paper' alone; state spot_sigma elsewhere")
         if self.estimator == "robust" and self.limits():
             raise UsageError("the robust estimator takes no tolerance and no number of sweeps")
-        if not (self.q >= 0 and self.r > 0):
-            raise UsageError(f"Q must not be negative and R must be above zero, found q = {self.q:g} and r = {self.r:g}")
 
     @property
     def label(self) -> str:

@@ -24,6 +24,7 @@ from urdfcal.calibration import Calibration, fit
 from urdfcal.ekf import Belief, degrees_of_freedom
 from urdfcal.error_table import SpotTable, error_table, rms_mm
 from urdfcal.errors import UsageError
+from urdfcal.fit_result import CrossValidation
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
@@ -41,29 +42,6 @@ _LEAST_OVERHANG = {True: 5 * MM, False: 1 * DEG}  # by how much at least, for sl
 _SEVERAL = 4  # test poses of which one may be singled out
 _NAMED = 3  # joints that are named
 _LEAST_ERROR = 1e-6  # [m]; what is smaller is rounding of a noise-free simulation
-
-
-@dataclass(frozen=True)
-class CrossValidation:
-    """How well poses are predicted that were not fitted, each pose held out once.
-
-    Attributes:
-        before, after: Spot distances over all poses, each predicted without it: with the nominal robot, and calibrated.
-        fold_rms_mm: RMS distance over the held-out poses of each fold, (folds,), [mm].
-        spots: Whether nothing but spots was measured.
-        rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
-    """
-
-    before: SpotTable
-    after: SpotTable
-    fold_rms_mm: Vector
-    rejected: tuple[str, ...]
-    spots: bool = True
-
-    @property
-    def folds(self) -> int:
-        """Number of fits."""
-        return len(self.fold_rms_mm)
 
 
 def holdout(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:

@@ -190,8 +190,7 @@ def fit(
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, rng())
-    of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
-    require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
+    require_lasers_for(data, estimate, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
@@ -221,7 +220,7 @@ def fit(
     else:
         calibration.require_trustworthy()
     folds = cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None
-    calibration = replace(calibration, folds=(folds.before, folds.after, folds.folds) if folds is not None else None)
+    calibration = replace(calibration, folds=folds)
     extra = Extras(
         workspace_accuracy(arm, calibration, tool, rng()) if tool is not None else None,
         folds,

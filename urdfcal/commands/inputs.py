@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -154,17 +154,19 @@ def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     return np.radians(degrees)
 
 
-def require_lasers_for(data: Measurements, **options: Any) -> None:
+def require_lasers_for(data: Measurements, estimate: Sequence[str] | None, **options: Any) -> None:
     """Refuse options about laser spots where none are measured.
 
     Args:
         data: The measurements.
-        options: What was given, by the option's name with _ for -; None, or nothing in it, for what was not.
+        estimate: What is to be estimated beside the joints.
+        options: What else was given, by the option's name with _ for -; None, or nothing in it, for what was not.
 
     Raises:
         UsageError: names the first of them.
     """
-    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value]
+    of_lasers = [f"--estimate {each}" for each in estimate or () if each in ("screen", "beams", "beams4")]
+    given = [*of_lasers, *(f"--{name.replace('_', '-')}" for name, value in options.items() if value)]
     if given and not data.lasers:
         raise UsageError(f"{given[0]} is about laser spots, and these measurements have none")
 

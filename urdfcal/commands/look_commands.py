@@ -123,8 +123,7 @@ def check(
     rig_file = rig_file_of(rig)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
-    of_lasers = [each for each in estimate or () if each in ("screen", "beams", "beams4")]
-    require_lasers_for(data, estimate=of_lasers, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
+    require_lasers_for(data, estimate, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(

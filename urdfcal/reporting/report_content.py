@@ -79,7 +79,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
 def _spots(calibration: FitResult) -> Section:
     rows = _spot_rows("fit", calibration.before, calibration.after)
     rows += _spot_rows("test", *calibration.test) if calibration.test else []
-    rows += _spot_rows(f"{calibration.folds[2]}-fold", *calibration.folds[:2]) if calibration.folds else []
+    rows += _spot_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after) if calibration.folds else []
     lasers = not calibration.data.readings
     names = ("laser", "spots") if lasers else ("what, in mm" if _millimetres(calibration.before) else "what", "number")
     table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))

@@ -125,7 +125,7 @@ def _decided(calibration: FitResult) -> Finding:
 
 def _tested(calibration: FitResult) -> list[Finding]:
     if (calibration.test is None or not calibration.test[1]) and calibration.folds is not None:
-        _, after, folds = calibration.folds
+        after, folds = calibration.folds.after, calibration.folds.folds
         text = (
             f"Left out in turn ({folds} fits), poses are {rms_mm(after):.3g} mm off (RMS), fitted ones {rms_mm(calibration.after):.3g} mm"
         )
