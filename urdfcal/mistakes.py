@@ -120,7 +120,7 @@ def _undone_by(kind: str, changes: Mapping[str, Values]) -> Iterator[Mistake]:
 def _of_lengths(what: str) -> dict[str, Values]:
     units = {"millimetres": MM, "centimetres": 10 * MM, "inches": 25.4 * MM}
     read_as = {f"the {what} read as {unit}": partial(np.multiply, size) for unit, size in units.items()}
-    return {**read_as, f"the {what} read as metres in place of millimetres": partial(np.multiply, 1 / MM)}
+    return read_as | {f"the {what} read as metres in place of {unit}": partial(np.multiply, 1 / size) for unit, size in units.items()}
 
 
 def _of_points() -> dict[str, Values]:
