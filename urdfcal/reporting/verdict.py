@@ -148,18 +148,22 @@ def _expected_ratio(calibration: FitResult) -> float:
     return math.sqrt((1 + share) / (1 - share))
 
 
+def _sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}."
+
+
 def _noise(calibration: FitResult) -> list[Finding]:
     noise = calibration.estimate.noise
     if calibration.rejection or not honest_covariance(calibration):
         return []
     if calibration.disagreements:
-        return [Finding("warn", f"{words[0].upper()}{words[1:]}.") for words in calibration.disagreements]
+        return [Finding("warn", _sentence(words)) for words in calibration.disagreements]
     if calibration.extra_noise:
         return [Finding("warn", f"Readings scatter more than they state: {noise_in_words(calibration)}.")]
     if not noise.all_stated and calibration.freedom < LEAST_FREEDOM:
         return [Finding("warn", f"Too few measurements to estimate their noise: {noise_in_words(calibration)}.")]
     if not noise.all_stated:
-        return [Finding("good", f"Noise: {noise_in_words(calibration)}.")]
+        return [Finding("good", _sentence(noise_in_words(calibration)))]
     return [Finding("good", f"Residuals agree with the stated noise: chi-square is {calibration.chi_squared:.3g} per degree of freedom.")]
 
 
