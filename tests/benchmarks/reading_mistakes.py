@@ -41,6 +41,8 @@ NOISE = ReadingNoise(length=0.1 * MM, angle=0.02 * DEG)
 HEALTHY = ((1.0, 0.1, 0.0), (10.0, 1.0, 0.0), (10.0, 1.0, 0.1))  # mm, deg, share of outliers
 CARRIED = 3.0  # times the noise
 Change = Callable[[Measurements], Measurements]
+OPPOSITES = {"read as degrees": "read as radians", "row before": "row behind"}
+OPPOSITES |= {new: old for old, new in OPPOSITES.items()}
 
 
 def setup_of(robot: Robot, name: str, link: str, mm: float, deg: float, rng: np.random.Generator) -> SimulatedSetup:
@@ -82,11 +84,21 @@ def turning(quaternions: np.ndarray) -> np.ndarray:
     return quaternions_of(Rotation.from_quat(quaternions).as_euler("XYZ"))
 
 
+def backwards(undone: str) -> str:
+    """What names the mistake that undoing another one makes."""
+    for old, new in OPPOSITES.items():
+        if old in undone:
+            return undone.replace(old, new).split(" in place")[0]
+    if " in place of " in undone:
+        return undone.replace("metres in place of ", "")
+    if any(unit in undone for unit in ("millimetres", "centimetres", "inches")):
+        return undone.replace("read as ", "read as metres in place of ")
+    return undone.split(" (")[0]
+
+
 def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Change]]]:
     """Every kind of mistake, by name: the words that name it, and what makes it."""
     found: dict[str, list[tuple[str, Change]]] = {}
-    backwards = {"read as degrees": "read as radians", "read as radians": "read as degrees", "read as millimetres": "read as metres"}
-    backwards |= {"read as metres": "read as millimetres", "row before": "row behind", "row behind": "row before"}
     if any(each.kind == "orientation" for each in data.readings):
         found["quaternion order"] = [("the quaternions read as w, x, y, z", of_orientation(lambda values: np.roll(values, 1, axis=1)))]
         found["turning axes"] = [("about axes that turn along", of_orientation(turning))]
@@ -95,10 +107,7 @@ def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Chan
     for mistake in (*mistakes_of_readings(data), *mistakes_of_joints(data, robot.chain.inputs)):
         if any(word in mistake.undone for word in ("quaternions", "roll, pitch")):
             continue
-        words = next(
-            (mistake.undone.replace(old, new).split(" in place")[0] for old, new in backwards.items() if old in mistake.undone), ""
-        )
-        words = words or mistake.undone.split(" (")[0]
+        words = backwards(mistake.undone)
         if " deg added" in words and "180" not in words:
             words = words[1:] if words.startswith("-") else f"-{words}"
         kind = mistake.undone
