@@ -172,18 +172,20 @@ def fit(
 
 
 def _with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
-    """A fit of measurements that state their noise; where they scatter more, what is beyond is estimated and added."""
-    loosely = replace(task, method=Method(gated=task.method.gated), evidence=False).fitted(without_stated_noise(data))
-    task = replace(task, sane=False)  # has been looked at
-    found = task.fitted(data)
-    kinds = scattering(found)
-    at = loosely
+    """A fit of measurements that state their noise; where they scatter more, what is beyond is estimated and added.
+
+    That is found out with the filter, whatever the estimator, from a fit that knows nothing of the columns: it looks for mistakes, too.
+    """
+    quick = replace(task, method=Method(gated=task.method.gated), evidence=False)
+    at = quick.fitted(without_stated_noise(data))
+    task, quick = replace(task, sane=False), replace(quick, sane=False)
+    kinds, extra = scattering(quick.fitted(data)), dict[str, float]()
     for _ in range(2) if kinds else ():  # the second time where outliers were told apart by the right noise
         if at.converged:
             noise = at.estimate.noise
             extra = extra_noise(model_for(at.errors, at.data, noise), at.x, noise, data, kinds)
-            at = found = replace(task.fitted(widened(data, extra)), extra_noise=extra)
-    return found
+            at = quick.fitted(widened(data, extra))
+    return replace(task.fitted(widened(data, extra)), extra_noise=extra)
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:

@@ -25,6 +25,7 @@ from urdfcal.robot import Robot
 from urdfcal.spot_model import SpotModel, kinds_of
 
 _MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere
+_SURELY = 3.0  # sigmas of a prior that was stated wider than that
 _MOST_WANDER = 1 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
@@ -167,13 +168,14 @@ class FitResult:
 
     @property
     def _moved(self) -> str:
-        """A joint that the fit puts where no robot has it, unless its prior is flat; where a slide begins may be anywhere."""
+        """A joint that the fit puts where no robot has it and no stated prior allows it; where a slide begins may be anywhere."""
         slides = tuple(f"{joint.name}." for joint in self.robot.chain.inputs if joint.prismatic)
         for parameter, value in zip(self.errors.parameters, self.x.tolist(), strict=True):
             turns, off = parameter.unit == "rad", abs(value - parameter.mean)
             if parameter.kind != "joint" or parameter.sigma >= FLAT or (parameter.name.startswith(slides) and not turns):
                 continue
-            if off > (_MOST_TURN if turns else _MOST_SHIFT):
+            stated = 0.0 if self.evidence is not None else _SURELY * parameter.sigma
+            if off > max(_MOST_TURN if turns else _MOST_SHIFT, stated):
                 by = f"{value / DEG:.0f} deg" if turns else f"{value / MM:.0f} mm"
                 return f"the fit {'turns' if turns else 'shifts'} {parameter.name} by {by}"
         return ""
