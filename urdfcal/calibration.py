@@ -29,10 +29,10 @@ from urdfcal.nominal import with_new_places
 from urdfcal.outliers import without_gross_outliers
 from urdfcal.pixel_start import corrected_camera, in_pixels, require_screen_of_camera
 from urdfcal.report import text_report
-from urdfcal.robot import Robot, robot_from
-from urdfcal.scatter import extra_noise, in_words, scattering, stating_kinds, widened, without_stated_noise
+from urdfcal.robot import Robot, with_text
+from urdfcal.scatter import fitted_beyond_columns, in_words, widened
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel, model_for
+from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Calibration(FitResult, Applicable):
         from urdfcal.view.target_scene import held_instruments
         from urdfcal.viewer import view_of
 
-        corrected = robot_from(replace(self.robot.description, text=self.urdf()), screen=self.robot.screen, lasers=self.robot.lasers)
+        corrected = with_text(self.robot, self.urdf())
         data = replace(self.data, camera=self.corrected_camera()) if in_pixels(self.data) else self.data
         return view_of(self.robot, data, corrected, magnify, held_instruments(self.errors, self.data.instruments.places))
 
@@ -166,26 +166,9 @@ def fit(
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
-    found = _with_extra_noise(task, fit_set) if method.gates and stating_kinds(fit_set) else task.fitted(fit_set)
+    found = task.fitted(fit_set) if method.as_published else fitted_beyond_columns(task, fit_set)
     calibration = Calibration.of(replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise))))
     return calibration if test_set is None else with_test(calibration, test_set)
-
-
-def _with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
-    """A fit of measurements that state their noise; where they scatter more, what is beyond is estimated and added.
-
-    That is found out with the filter, whatever the estimator, from a fit that knows nothing of the columns: it looks for mistakes, too.
-    """
-    quick = replace(task, method=Method(gated=task.method.gated), evidence=False)
-    at = quick.fitted(without_stated_noise(data))
-    task, quick = replace(task, sane=False), replace(quick, sane=False)
-    kinds, extra = scattering(quick.fitted(data)), dict[str, float]()
-    for _ in range(2) if kinds else ():  # the second time where outliers were told apart by the right noise
-        if at.converged:
-            noise = at.estimate.noise
-            extra = extra_noise(model_for(at.errors, at.data, noise), at.x, noise, data, kinds)
-            at = quick.fitted(widened(data, extra))
-    return replace(task.fitted(widened(data, extra)), extra_noise=extra)
 
 
 def with_test(calibration: Calibration, test: Measurements) -> Calibration:

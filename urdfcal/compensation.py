@@ -27,13 +27,12 @@ import numpy as np
 import yaml
 
 from urdfcal.arm_screws import ArmScrews
-from urdfcal.description import Description
 from urdfcal.errors import CalibrationFileError, ShapeMismatch
 from urdfcal.files import read_yaml
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.gravity import Gravity, WeighedRobot
 from urdfcal.instruments import Instruments, Target
-from urdfcal.robot import Robot, load_robot, robot_from
+from urdfcal.robot import Robot, load_robot, with_text
 from urdfcal.softness import Softness, Term, is_known
 from urdfcal.whole_robot import whole_configurations
 
@@ -326,8 +325,7 @@ def _robot_of(urdf: Path, rig: Mapping[str, Any], path: Path, package_dirs: Sequ
 
 def in_memory(robot: Robot, urdf: bytes, softness: Softness, values: Mapping[str, tuple[float, float]]) -> Compensation:
     """The same without files: of the joint fit of a robot, with its calibrated URDF."""
-    description: Description = replace(robot.description, text=urdf)
-    calibrated = replace(robot_from(description, screen=robot.screen, lasers=robot.lasers), instruments=robot.instruments)
+    calibrated = with_text(robot, urdf)
     weighed = WeighedRobot(calibrated, softness.weighed.gravity)
     terms = [(softness.chain.moving[term.joint].joint.name, term, *values[term.name]) for term in softness.terms]
     return _compensation(calibrated, weighed, terms, robot.description.path)

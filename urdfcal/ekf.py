@@ -227,12 +227,15 @@ def paper_schedule(
 
 
 def degrees_of_freedom(here: Linearisation, H: Matrix, belief: Belief) -> Vector:
-    """Measurements of each kind less the parameters that they, and not the prior, decide: n - tr(P H'H), (kinds,)."""
-    counts = here.counts
-    if len(counts) == 1:
-        return counts - float(np.sum(belief.P * (H.T @ H)))
-    leverage = np.sum((H @ belief.P) * H, axis=1).reshape(here.residual.shape).sum(axis=0)
-    return counts - np.bincount(here.kinds, leverage, minlength=len(counts))
+    """Numbers of each kind that do not state their noise, less the parameters that they, and not the prior, decide, (kinds,).
+
+    Where none states any that is n - tr(P H'H).
+    """
+    own = here.unstated
+    if len(here.counts) == 1 and np.array_equal(own, here.measured):
+        return here.counts - float(np.sum(belief.P * (H.T @ H)))
+    free = np.where(own, 1 - np.sum((H @ belief.P) * H, axis=1).reshape(own.shape), 0.0)
+    return np.asarray(np.bincount(here.kinds, free.sum(axis=0), minlength=len(here.counts)))
 
 
 def _damped(

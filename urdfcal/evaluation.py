@@ -7,7 +7,7 @@ import numpy as np
 from urdfcal.error_model import ErrorModel
 from urdfcal.error_table import SpotTable
 from urdfcal.errors import UsageError
-from urdfcal.gauge import ModelOptions, build_error_model
+from urdfcal.gauge import ModelOptions, build_error_model, of_these_poses
 from urdfcal.known_noise import noise_of
 from urdfcal.measurements import Measurements
 from urdfcal.nominal import nominal_fit
@@ -24,13 +24,18 @@ def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = No
         options: Of which only what concerns the instruments matters.
     """
     robot = as_measured(robot, data)
-    errors = build_error_model(robot.chain, robot.rig, options, data.session_names or ("",)) if data.readings else _bare(robot, data)
+    errors = _with_instruments(robot, data, options or ModelOptions()) if data.readings else _bare(robot, data)
     return nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs)))).table(data)
 
 
 def as_measured(robot: Robot, data: Measurements) -> Robot:
     """The robot with the instruments that some measurements were made with."""
     return robot.seen_by(data.instruments, robot.lasers if data.lasers else ()) if data.readings else robot
+
+
+def _with_instruments(robot: Robot, data: Measurements, options: ModelOptions) -> ErrorModel:
+    sessions = data.session_names or ("",)
+    return build_error_model(robot.chain, robot.rig, of_these_poses(robot.chain, robot.rig, options, sessions), sessions)
 
 
 def _bare(robot: Robot, data: Measurements) -> ErrorModel:

@@ -40,6 +40,7 @@ SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' defl
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance
+_ROUNDING, _LEAST = 1e-12, 1e-6  # share of the squared data that is rounding; and what they are where the nominal robot fits exactly
 _ROUNDS, _FIXED_POINT_ROUNDS = 8, 300
 _REST = 1e-3
 
@@ -165,7 +166,7 @@ class _Sums:
         if freedom < LEAST_FREEDOM:
             return min(size, most)
         misfit = float(self.c - 2 * self.b @ dx + dx @ self.A @ dx)
-        return float(np.sqrt(max(misfit, 1e-12 * self.c) / freedom))
+        return float(np.sqrt(max(misfit, _ROUNDING * max(self.c, _LEAST)) / freedom))
 
 
 def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:

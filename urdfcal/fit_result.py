@@ -16,6 +16,7 @@ from urdfcal.errors import FitRejected
 from urdfcal.evidence import Evidence
 from urdfcal.geometry import DEG, MM, Matrix, Vector
 from urdfcal.identifiability import Identifiability
+from urdfcal.known_noise import stating_kinds
 from urdfcal.measurements import Measurements
 from urdfcal.misfit import Misfit, misfit_words
 from urdfcal.nominal import NominalFit
@@ -149,7 +150,7 @@ class FitResult:
         if not after < before:
             return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
         for kind, stated in zip(self.kinds, self.estimate.noise.stated, strict=True):
-            if stated and self.misfits[kind].chi_squared > CHI_SQUARED_LIMIT:
+            if (stated or kind in self.stating) and self.misfits[kind].chi_squared > CHI_SQUARED_LIMIT:
                 words = misfit_words(self.misfits, kind, stated=True)
                 return f"{words}, chi-square is limited to {CHI_SQUARED_LIMIT:g}; look for outliers or state the noise that there is"
         return ""
@@ -157,9 +158,17 @@ class FitResult:
     @property
     def disagreements(self) -> tuple[str, ...]:
         """Where readings scatter otherwise than the stated noise says, in words; noise that is not stated can only be too large."""
-        noise = self.estimate.noise
-        of_kinds = [(kind, bool(stated)) for kind, stated in zip(self.kinds, noise.stated, strict=True) if self.misfits[kind].odd]
-        return tuple(misfit_words(self.misfits, kind, stated) for kind, stated in of_kinds if stated or noise.of_joints)
+        noise, words = self.estimate.noise, []
+        for kind, known in zip(self.kinds, noise.stated.tolist(), strict=True):
+            stated = known or kind in self.stating
+            if self.misfits[kind].odd and (stated or noise.of_joints):
+                words.append(misfit_words(self.misfits, kind, stated))
+        return tuple(words)
+
+    @cached_property
+    def stating(self) -> frozenset[str]:
+        """Kinds of readings of which any state their own noise."""
+        return stating_kinds(self.data)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -170,11 +179,12 @@ class FitResult:
     def _moved(self) -> str:
         """A joint that the fit puts where no robot has it and no stated prior allows it; where a slide begins may be anywhere."""
         slides = tuple(f"{joint.name}." for joint in self.robot.chain.inputs if joint.prismatic)
-        for parameter, value in zip(self.errors.parameters, self.x.tolist(), strict=True):
+        chosen = self.evidence.groups if self.evidence is not None else ("",) * len(self.x)
+        for parameter, value, group in zip(self.errors.parameters, self.x.tolist(), chosen, strict=True):
             turns, off = parameter.unit == "rad", abs(value - parameter.mean)
             if parameter.kind != "joint" or parameter.sigma >= FLAT or (parameter.name.startswith(slides) and not turns):
                 continue
-            stated = 0.0 if self.evidence is not None else _SURELY * parameter.sigma
+            stated = 0.0 if group else _SURELY * parameter.sigma
             if off > max(_MOST_TURN if turns else _MOST_SHIFT, stated):
                 by = f"{value / DEG:.0f} deg" if turns else f"{value / MM:.0f} mm"
                 return f"the fit {'turns' if turns else 'shifts'} {parameter.name} by {by}"
@@ -185,7 +195,7 @@ class FitResult:
         """A kind of reading that the fit could not explain at all."""
         noise = self.estimate.noise
         estimated = {kind: float(sigma) for kind, sigma, stated in zip(self.kinds, noise.sigma, noise.stated, strict=True) if not stated}
-        estimated |= self.extra_noise
+        estimated |= {kind: max(scatter, estimated.get(kind, 0.0)) for kind, scatter in self.extra_noise.items()}
         for name, scatter in estimated.items():
             kind = KINDS[name]
             if scatter > kind.most * kind.size:

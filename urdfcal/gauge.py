@@ -6,6 +6,7 @@ rank of the full-pose Jacobian at random configurations, before any data and wha
 
 from __future__ import annotations
 
+import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -341,3 +342,15 @@ def _number_with_unit(word: str, units: Mapping[str, float]) -> tuple[float, str
     if not _LEAST < value < _MOST:
         raise ValueError(word)
     return value, unit
+
+
+def of_these_poses(chain: Chain, rig: Rig, options: ModelOptions, sessions: Sequence[str]) -> ModelOptions:
+    """Options without what they say of parameters that some poses do not have: of other sessions, and of other instruments."""
+    every = build_error_model(chain, rig, replace(options, fix=(), only=(), single={}), sessions)
+    names = [*every.names, *(f"{slot.label}.{name}" for slot in every.slots for name in slot.names)]
+
+    def known(patterns: Iterable[str]) -> tuple[str, ...]:
+        return tuple(pattern for pattern in patterns if fnmatch.filter(names, pattern))
+
+    single = {pattern: options.single[pattern] for pattern in known(options.single)}
+    return replace(options, fix=known(options.fix), only=known(options.only), single=single)

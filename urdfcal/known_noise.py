@@ -10,6 +10,7 @@ from urdfcal.errors import ShapeMismatch, UsageError
 from urdfcal.geometry import Vector
 from urdfcal.measurements import Measurements
 from urdfcal.noise import Noise
+from urdfcal.reading_kinds import noun
 from urdfcal.robot import Robot
 from urdfcal.spot_model import kinds_of, start_sigma
 
@@ -18,14 +19,16 @@ def stated_noise(data: Measurements, spot_sigma: float | None, sigmas: Mapping[s
     """Noise that is stated by kind of reading, [m], [rad] or [px].
 
     Raises:
-        UsageError: nothing of that kind was measured, or the noise is not above zero.
+        UsageError: nothing of that kind was measured, every reading of it states its own noise, or the noise is not above zero.
     """
     stated, kinds = {**(sigmas or {}), **({} if spot_sigma is None else {"spot": spot_sigma})}, kinds_of(data)
     for kind, sigma in stated.items():
         if kind not in kinds:
             raise UsageError(f"noise of a {kind} is stated, but the measurements have none; they have {', '.join(kinds)}")
-        if not sigma > 0:
-            raise UsageError(f"the {kind} noise must be above zero, found {sigma:g}")
+        if not 0 < sigma < np.inf:
+            raise UsageError(f"the {kind} noise must be above zero and finite, found {sigma:g}")
+        if states_all(data, kind):
+            raise UsageError(f"every {noun(kind, 1)} states its own noise in a .sigma column; leave out that, or the {kind} noise")
     return stated
 
 
@@ -33,8 +36,7 @@ def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector
     """Noise of every kind of measurement: stated with the measurements, known by kind, or where its estimation starts."""
     sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
     for kind, name in enumerate(kinds_of(data)):
-        of_targets = [each.sigma[each.seen] for each in data.readings if each.kind == name]
-        own = data.sigma[data.seen] if name == "spot" else np.concatenate(of_targets)
+        own = _own_sigma(data, name)
         if not len(own):  # nothing to estimate it from, and nothing that it matters to
             stated[kind] = True
         elif np.isfinite(own).all():
@@ -42,6 +44,24 @@ def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector
         elif name in known:
             sigma[kind], stated[kind] = known[name], True
     return Noise(sigma, joint_sigma, stated)
+
+
+def stating_kinds(data: Measurements) -> frozenset[str]:
+    """Kinds of readings of which any state their own noise."""
+    return frozenset(kind for kind in kinds_of(data) if np.isfinite(_own_sigma(data, kind)).any())
+
+
+def states_all(data: Measurements, kind: str) -> bool:
+    """Whether every reading of a kind states its own noise."""
+    own = _own_sigma(data, kind)
+    return bool(len(own) and np.isfinite(own).all())
+
+
+def _own_sigma(data: Measurements, kind: str) -> Vector:
+    """What every reading of a kind states of its own noise, nan for nothing."""
+    if kind == "spot":
+        return data.sigma[data.seen]
+    return np.concatenate([each.sigma[each.seen] for each in data.readings if each.kind == kind])
 
 
 def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:

@@ -33,12 +33,12 @@ class Misfit:
     @property
     def odd(self) -> bool:
         """Whether it is no chance that they scatter more, or less, than the noise says."""
-        return abs(self.sigmas) > _SURE
+        return self.freedom >= LEAST_FREEDOM and abs(self.sigmas) > _SURE
 
     @property
     def sigmas(self) -> float:
-        """How many of its own standard deviations chi-squared is too large; 0 where the degrees of freedom are too few to tell."""
-        return (self.chi_squared - 1) / float(np.sqrt(2 / self.freedom)) if self.freedom >= LEAST_FREEDOM else 0.0
+        """How many of its own standard deviations chi-squared is too large."""
+        return (self.chi_squared - 1) / float(np.sqrt(2 / max(self.freedom, 1.0)))
 
 
 def leverages(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
@@ -54,9 +54,15 @@ def misfits(here: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
         here: Residual and Jacobian at the estimate.
         noise: Of the measurements.
         P: Covariance of the parameters, (p, p).
+
+    Returns:
+        Of a kind of which any state their own noise, that of those alone.
     """
-    squares = (noise.weights(here).residual(here) ** 2).reshape(here.residual.shape)
-    free = np.where(here.measured, 1 - leverages(here, noise, P), 0.0)
+    stating = here.measured & ~here.unstated
+    any_of_kind = (_by_kind(here, stating.astype(float)) > 0)[here.kinds]
+    own = np.where(any_of_kind, stating, here.measured)
+    squares = np.where(own, (noise.weights(here).residual(here) ** 2).reshape(own.shape), 0.0)
+    free = np.where(own, 1 - leverages(here, noise, P), 0.0)
     return tuple(
         Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
         for chi_squared, freedom in zip(_by_kind(here, squares), _by_kind(here, free), strict=True)

@@ -75,6 +75,11 @@ class Linearisation:
         return np.asarray(np.bincount(self.kinds, np.asarray(np.count_nonzero(self.measured, axis=0), dtype=float)))
 
     @property
+    def unstated(self) -> Any:
+        """Which numbers were measured and do not state their noise, (n, m)."""
+        return self.measured & np.isnan(self.stated_sigma)
+
+    @property
     def usable(self) -> bool:
         """Whether the model produces everything that was measured."""
         return not self.trouble
@@ -180,15 +185,14 @@ class Noise:
     def estimated(self, here: Linearisation, degrees_of_freedom: Any) -> Noise:
         """The noise that would make chi-squared of each kind equal its degrees of freedom (kinds,), one fixed-point step on from this.
 
+        Both are of numbers that do not state their noise.
+
         What was stated stays, and so does a kind with fewer than LEAST_FREEDOM: a fit that nearly runs through its data says nothing
         of their noise.
         """
         freedom = np.atleast_1d(degrees_of_freedom)
-        own = np.isnan(here.stated_sigma) & here.measured  # what is stated says nothing of the others' noise
         squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
-        chi_squared = np.bincount(here.kinds, (squares * own).sum(axis=0), minlength=len(freedom))
-        share = np.bincount(here.kinds, own.sum(axis=0).astype(float), minlength=len(freedom)) / np.maximum(here.counts, 1)
-        freedom = freedom * share
+        chi_squared = np.bincount(here.kinds, (squares * here.unstated).sum(axis=0), minlength=len(freedom))
         fixed = self.stated | (freedom < LEAST_FREEDOM)
         return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
 

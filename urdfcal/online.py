@@ -23,14 +23,14 @@ from urdfcal.errors import FitRejected, ShapeMismatch, UsageError
 from urdfcal.frame_jacobian import CHUNK
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import MM, Matrix, Vector
-from urdfcal.known_noise import joint_sigmas
+from urdfcal.known_noise import joint_sigmas, stating_kinds
 from urdfcal.measurements import Measurements, measurements_from
 from urdfcal.misfit import Misfit, misfits
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.robot import Robot
-from urdfcal.scatter import MORE, extra_noise, stating_kinds, widened
+from urdfcal.scatter import MORE, extra_noise, widened
 from urdfcal.simulation import draw_poses, joint_limits
 from urdfcal.spot_model import model_for
 

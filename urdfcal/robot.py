@@ -69,6 +69,12 @@ class Robot:
         return str(self.model.name)
 
 
+def with_text(robot: Robot, text: bytes) -> Robot:
+    """The robot that another text of the same description is read as, with the same screen, lasers and instruments."""
+    again = robot_from(replace(robot.description, text=text), screen=robot.screen, lasers=robot.lasers)
+    return replace(again, instruments=robot.instruments)
+
+
 def load_robot(
     path: str | Path,
     *,

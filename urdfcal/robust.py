@@ -78,19 +78,34 @@ def _median(freedom: int) -> float:
 
 
 def kind_scales(here: Linearisation, d2: Matrix) -> Vector:
-    """The robust scale of every kind of noise, (kinds,); 1 for a kind that was not measured."""
-    freedom = degrees(here)
-    scales = np.ones(len(here.counts))
-    for kind in range(len(scales)):
-        own = [index for index, block in enumerate(here.blocks) if block.kind == kind]
-        if np.isfinite(d2[:, own]).any():
-            scales[kind] = robust_scale(d2[:, own], freedom[:, own])
+    """The robust scale of every kind of noise, (kinds,), of what does not state its own if there is any; 1 where nothing was measured."""
+    scales, kinds, stating = observation_scales(here, d2), _kinds(here), _stating(here)
+    found = np.ones(len(here.counts))
+    for kind in range(len(found)):
+        for own in (np.isfinite(d2) & (kinds == kind) & apart for apart in (stating, ~stating)):
+            if own.any():
+                found[kind] = scales[own][0]
+    return found
+
+
+def observation_scales(here: Linearisation, d2: Matrix) -> Matrix:
+    """The robust scale of the sort that each observation is of, (n, blocks): its kind, those that state their own noise apart."""
+    freedom, scales, kinds, stating = degrees(here), np.ones_like(d2), _kinds(here), _stating(here)
+    for kind in np.unique(kinds):
+        for own in ((kinds == kind) & apart for apart in (stating, ~stating)):
+            if np.isfinite(d2[own]).any():
+                scales[own] = robust_scale(d2[own], freedom[own])
     return scales
 
 
-def _per_block(here: Linearisation, of_kinds: Vector) -> Vector:
-    """What belongs to kinds of noise, (kinds,), by blocks, (blocks,)."""
-    return np.array([of_kinds[block.kind] for block in here.blocks])
+def _kinds(here: Linearisation) -> Matrix:
+    """Index of the noise of each observation, (n, blocks)."""
+    return np.broadcast_to([block.kind for block in here.blocks], (len(here.residual), len(here.blocks)))
+
+
+def _stating(here: Linearisation) -> Mask:
+    """Which observations state their own noise, (n, blocks)."""
+    return np.column_stack([np.isfinite(here.stated_sigma[:, block.columns]).any(axis=1) for block in here.blocks])
 
 
 @dataclass(frozen=True)
@@ -183,15 +198,21 @@ def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Los
 
 
 def _rescaled(noise: Noise, here: Linearisation, belief: Belief, prior: Belief) -> Noise:
-    """Noise at the robust scale of the residuals; never under what is stated."""
+    """Noise at the robust scale of the residuals; never under what is stated, nor what is usual where too few residuals tell."""
     scales = kind_scales(here, squared_distances(here, noise))
+    if here.count - _used(belief, prior) < LEAST_FREEDOM:
+        return noise.times(np.maximum(scales, 1.0))
     return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(here, belief, prior)))
+
+
+def _used(belief: Belief, prior: Belief) -> float:
+    """How many numbers the parameters used up."""
+    return len(belief.x) - float(np.sum(np.diag(belief.P) / np.diag(prior.P)))
 
 
 def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
     """How many times smaller than the noise residuals are for the parameters having been fitted to them."""
-    used = len(belief.x) - float(np.sum(np.diag(belief.P) / np.diag(prior.P)))
-    return float(np.sqrt(here.count / max(here.count - used, LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
+    return float(np.sqrt(here.count / max(here.count - _used(belief, prior), LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
 
 
 def _covariance(here: Linearisation, noise: Noise, belief: Belief, prior: Belief, loss: Loss) -> Matrix:
@@ -204,7 +225,8 @@ def _covariance(here: Linearisation, noise: Noise, belief: Belief, prior: Belief
     weights = np.where(m > 0, _weights(d2, m, loss), 0.0)
     slope = weights**2 * d2 / (_NU + m) if loss == "student" else np.where(weights < 1, weights / 2, 0.0)
     squared = np.sum(weights**2 * d2) / max(here.count, 1) * _room(here, belief, prior) ** 2
-    kappa = (np.sum(m * weights - 2 * slope) / max(here.count, 1)) ** 2 / squared
+    of_bulk = (np.sum(m * weights - 2 * slope) / max(here.count, 1)) ** 2
+    kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
     H = noise.weights(here).jacobian(here)
     rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
     return update(prior, np.zeros(len(rows)), np.sqrt(kappa) * rows, np.eye(len(rows)))[0].P
@@ -273,8 +295,13 @@ def inside(observed: Observations, prior: Belief, found: Estimate) -> Mask:
     if observed.too_few(met):
         return met
     d2 = squared_distances(here, found.noise)
-    scales = _rescaled(found.noise, here, found.belief, prior).sigma / found.noise.sigma  # an estimate may hold the outliers
-    return np.asarray(met & ~(d2 > _limits(here) * _per_block(here, scales) ** 2))
+    scales = observation_scales(here, d2)  # an estimate may hold the outliers
+    known = _stating(here) | found.noise.stated[_kinds(here)]
+    if here.count - _used(found.belief, prior) < LEAST_FREEDOM:
+        known = np.ones_like(known)
+    least = np.where(known, 1.0, (found.noise.times(0.0).sigma / found.noise.sigma)[_kinds(here)])  # no sensor sees less
+    scales = np.maximum(np.where(known, scales, scales * _room(here, found.belief, prior)), least)
+    return np.asarray(met & ~(d2 > _limits(here) * scales**2))
 
 
 def beyond_belief(observed: Observations, found: Estimate) -> Mask:
@@ -287,8 +314,8 @@ def beyond_belief(observed: Observations, found: Estimate) -> Mask:
     if observed.too_few(met):
         return np.zeros_like(met)
     d2 = squared_distances(here, found.noise, found.belief.P)
-    scales = _MARGIN * np.maximum(kind_scales(here, d2), 1.0)
-    out = np.asarray(~met | (d2 > _limits(here) * _per_block(here, scales) ** 2))
+    scales = _MARGIN * np.maximum(observation_scales(here, d2), 1.0)
+    out = np.asarray(~met | (d2 > _limits(here) * scales**2))
     return np.zeros_like(out) if observed.too_few(~out) else out
 
 

@@ -15,24 +15,38 @@ import numpy as np
 
 from urdfcal.ekf import Belief
 from urdfcal.fit_result import FitResult
+from urdfcal.fit_task import FitTask
 from urdfcal.geometry import Matrix, Vector
+from urdfcal.known_noise import stating_kinds
 from urdfcal.measurements import Measurements
-from urdfcal.method import posterior
+from urdfcal.method import Method, posterior
 from urdfcal.misfit import leverages
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.reading_kinds import KINDS
-from urdfcal.spot_model import SpotModel, kinds_of
+from urdfcal.spot_model import SpotModel, kinds_of, model_for
 
+_ANY = 3.0  # degrees of freedom that tell at least whether there is more
 MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
 _STILL = 1e-9  # share of s^2
 _ROUNDS = 20
 _SAME = 0.01  # share of s by which it may be off
 
 
-def stating_kinds(data: Measurements) -> set[str]:
-    """Kinds of readings of which any states its own noise."""
-    own = [("spot", data.sigma[data.seen]), *((each.kind, each.sigma[each.seen]) for each in data.readings)]
-    return {kind for kind, sigma in own if np.isfinite(sigma).any()}
+def fitted_beyond_columns(task: FitTask, data: Measurements) -> FitResult:
+    """A fit of measurements of which some may state their noise; where they scatter more, what is beyond is estimated and added.
+
+    That is found out with the filter, whatever the estimator, from a fit that knows nothing of the columns: it looks for mistakes, too.
+    """
+    if not stating_kinds(data):
+        return task.fitted(data)
+    quick = replace(task, method=Method(gated=task.method.gates), evidence=False)
+    loosely = quick.fitted(without_stated_noise(data))
+    task, quick = replace(task, sane=False), replace(quick, sane=False)
+    kinds = _scattering(quick.fitted(data))
+    extra = _extra_at(loosely, data, kinds)
+    if extra:  # once more where outliers are told apart by the right noise
+        extra = _extra_at(quick.fitted(widened(data, extra)), data, kinds) or extra
+    return replace(task.fitted(widened(data, extra)), extra_noise=extra)
 
 
 def without_stated_noise(data: Measurements) -> Measurements:
@@ -41,9 +55,18 @@ def without_stated_noise(data: Measurements) -> Measurements:
     return replace(data, sigma=np.full_like(data.sigma, np.nan), readings=readings)
 
 
-def scattering(found: FitResult) -> list[str]:
+def _scattering(found: FitResult) -> list[str]:
     """Kinds of readings that seem to scatter more than they state."""
-    return [kind for kind in stating_kinds(found.data) if found.misfits[kind].sigmas > MORE]
+    return [
+        kind for kind in found.kinds if kind in found.stating and found.misfits[kind].sigmas > MORE and found.misfits[kind].freedom > _ANY
+    ]
+
+
+def _extra_at(found: FitResult, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+    noise = found.estimate.noise
+    if not kinds or not found.converged:
+        return {}
+    return extra_noise(model_for(found.errors, found.data, noise), found.x, noise, data, kinds)
 
 
 def extra_noise(fitted: SpotModel, x: Vector, noise: Noise, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
@@ -100,11 +123,13 @@ def _beyond(known: Vector, squares: Vector, freedom: float) -> float:
 
     The sum falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
     """
+    if np.sum(squares / known) <= freedom:
+        return 0.0
     s_squared, step = 0.0, np.inf
     while step > _STILL * s_squared:
         weights = 1 / (known + s_squared)
         step = float((np.sum(squares * weights) - freedom) / np.sum(squares * weights**2))
-        s_squared += max(step, 0.0)
+        s_squared += step
     return float(np.sqrt(s_squared))
 
 

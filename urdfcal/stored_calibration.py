@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +17,7 @@ from urdfcal.fit_result import FitResult
 from urdfcal.gauge import ModelOptions
 from urdfcal.geometry import SE3, distance_mm_mrad, pose
 from urdfcal.measurements import Measurements
-from urdfcal.robot import Robot, robot_from
+from urdfcal.robot import Robot, with_text
 from urdfcal.urdf_tree import FARTHEST
 from urdfcal.urdf_writer import with_origins
 
@@ -140,8 +140,8 @@ class StoredCalibration(Applicable):
 
 
 def corrected_robot(robot: Robot, origins: Mapping[str, SE3]) -> Robot:
-    """The robot that a description with other origins, by joint name, is read as; screen and lasers stay."""
-    return robot_from(replace(robot.description, text=with_origins(robot.description, origins)), screen=robot.screen, lasers=robot.lasers)
+    """The robot that a description with other origins, by joint name, is read as; screen, lasers and instruments stay."""
+    return with_text(robot, with_origins(robot.description, origins))
 
 
 def read_calibration(path: str | Path) -> StoredCalibration:

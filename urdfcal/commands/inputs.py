@@ -172,23 +172,22 @@ def require_lasers_for(data: Measurements, estimate: Sequence[str] | None, **opt
 
 
 def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dict[str, float]:
-    """Noise by kind of reading, [m], [rad] or [px], as far as it is stated; a rig.yaml may also tell of what these measurements lack.
+    """Noise by kind of reading, [m], [rad] or [px], as far as it is stated; a rig.yaml may tell more than these measurements need.
 
     Raises:
         UsageError: noise of spots is asked for where there are none.
     """
-    import numpy as np
-
+    from urdfcal.known_noise import states_all
     from urdfcal.spot_model import kinds_of
 
-    if spot_mm is not None and data.seen.any() and np.isfinite(data.sigma[data.seen]).all():
-        raise UsageError(f"--spot-sigma-mm: every spot states its own noise in {data.lasers[0]}.sigma; leave out the option or the columns")
-    if spot_mm is not None and not data.lasers:
-        raise UsageError("--spot-sigma-mm: no laser spots are measured; state other noise in rig.yaml (noise: {point_mm: 0.1}) or columns")
+    if spot_mm is not None and not data.seen.any():
+        raise UsageError("--spot-sigma-mm: no laser spots are measured in mm; state other noise in rig.yaml (noise: {point_mm: 0.1})")
     stated = rig.noise.by_kind()
     if spot_mm is not None:
-        stated["spot"] = (positive("--spot-sigma-mm", spot_mm) or spot_mm) * 1e-3
-    return {kind: sigma for kind, sigma in stated.items() if kind in kinds_of(data)}
+        positive("--spot-sigma-mm", spot_mm)
+        stated["spot"] = spot_mm * 1e-3
+    asked = {"spot"} if spot_mm is not None else set()
+    return {kind: sigma for kind, sigma in stated.items() if kind in asked or (kind in kinds_of(data) and not states_all(data, kind))}
 
 
 def positive(option: str, value: float | None) -> float | None:

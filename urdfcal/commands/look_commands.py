@@ -157,16 +157,12 @@ def dh(
     verbose: Verbose = False,
 ) -> None:
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
-    from dataclasses import replace
-
     from urdfcal.dh import dh_table
     from urdfcal.gauge import build_error_model
     from urdfcal.instruments import Instruments
     from urdfcal.instruments import Target as InstrumentTarget
     from urdfcal.report import carried_lines, dh_block, dh_json
-    from urdfcal.robot import robot_from
-    from urdfcal.stored_calibration import read_calibration
-    from urdfcal.urdf_writer import with_origins
+    from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     if reference is not None and tip is None:
         raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
@@ -178,9 +174,7 @@ def dh(
     if calibration is not None:
         origins, missing = read_calibration(calibration).origins_for(arm)
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
-        description = replace(arm.description, text=with_origins(arm.description, origins))
-        again = replace(robot_from(description, screen=arm.screen, lasers=arm.lasers), instruments=arm.instruments)
-        corrected = dh_table(again.chain, hayati)
+        corrected = dh_table(corrected_robot(arm, origins).chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried
     machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
     heading = "left out of the automatic error model, since no measurement could tell them from others:"

@@ -8,8 +8,7 @@ its ray.
 
 from __future__ import annotations
 
-import fnmatch
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +16,7 @@ import numpy as np
 
 from urdfcal.error_model import ErrorModel
 from urdfcal.frame_jacobian import ArmKinematics, motion_at
-from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model
+from urdfcal.gauge import ModelOptions, ParameterPrior, build_error_model, of_these_poses
 from urdfcal.geometry import Array3, Array4, Matrix, Vector
 from urdfcal.instruments import Place
 from urdfcal.known_noise import noise_of
@@ -175,21 +174,11 @@ def placed_targets(robot: Robot, data: Measurements, options: ModelOptions | Non
         options: Of which only what concerns the instruments matters.
     """
     sessions = data.session_names or ("",)
-    errors = build_error_model(robot.chain, robot.rig, _of_these_poses(robot, options or ModelOptions(), sessions), sessions)
+    errors = build_error_model(
+        robot.chain, robot.rig, of_these_poses(robot.chain, robot.rig, options or ModelOptions(), sessions), sessions
+    )
     found = nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs))))
     return PlacedTargets(robot, data, found.alone, found.instruments)
-
-
-def _of_these_poses(robot: Robot, options: ModelOptions, sessions: Sequence[str]) -> ModelOptions:
-    """Options without what they say of parameters that are not drawn: of other sessions, and of a camera that read spots."""
-    every = build_error_model(robot.chain, robot.rig, replace(options, fix=(), only=(), single={}), sessions)
-    names = [*every.names, *(f"{slot.label}.{name}" for slot in every.slots for name in slot.names)]
-
-    def known(patterns: Iterable[str]) -> tuple[str, ...]:
-        return tuple(pattern for pattern in patterns if fnmatch.filter(names, pattern))
-
-    single = {pattern: options.single[pattern] for pattern in known(options.single)}
-    return replace(options, fix=known(options.fix), only=known(options.only), single=single)
 
 
 def held_instruments(errors: ErrorModel, places: Sequence[Place]) -> ModelOptions:
