@@ -6,7 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from urdfcal.calibration_file import calibration_yaml
 from urdfcal.corrections import Applicable
 from urdfcal.error_model import PriorScale
 from urdfcal.error_table import error_table
-from urdfcal.errors import ShapeMismatch, UsageError
+from urdfcal.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.evaluation import as_measured, fit_and_test
 from urdfcal.files import write_whole
 from urdfcal.fit_result import FitResult
@@ -157,6 +157,7 @@ def fit(
         ShapeMismatch: the data belong to another robot.
         FitRejected: a common mistake explains the data far better, or a beam that was seen does not meet the screen in the model.
     """
+    _require_types(robot, data, priors)
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
     _require_same_robot(robot, data)
@@ -190,6 +191,23 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
     model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+
+
+def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> None:
+    """Refuse what is easily taken for another, before it fails somewhere deep.
+
+    Raises:
+        UsageError: says what was expected.
+    """
+    if not isinstance(robot, Robot):
+        raise UsageError(f"fit: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
+    if not isinstance(data, Measurements):
+        raise UsageError(f"fit: expected Measurements, as read_measurements gives them, found {type(data).__name__}")
+    for group, scale in (priors or {}).items():
+        if group not in get_args(Kind):
+            raise UsageError(f"priors: {no_such('group', str(group), get_args(Kind))}")
+        if not isinstance(scale, PriorScale):
+            raise UsageError(f"priors: expected a PriorScale for '{group}', found {type(scale).__name__}")
 
 
 def _require_same_robot(robot: Robot, data: Measurements) -> None:

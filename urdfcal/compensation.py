@@ -27,7 +27,7 @@ import numpy as np
 import yaml
 
 from urdfcal.arm_screws import ArmScrews
-from urdfcal.errors import CalibrationFileError, ShapeMismatch
+from urdfcal.errors import CalibrationFileError, ShapeMismatch, UsageError
 from urdfcal.files import read_yaml
 from urdfcal.geometry import Matrix, Vector
 from urdfcal.gravity import Gravity, WeighedRobot
@@ -44,7 +44,7 @@ Payload = float | Vector | None
 _COMMENT = re.compile(rb"\n<!-- urdfcal compensation sha256 ([0-9a-f]{64}) -->\n?$")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Compensation:
     """Deflections of a calibrated robot's joints.
 
@@ -70,6 +70,10 @@ class Compensation:
         """Names of the joints that configurations are of, in order."""
         return self.softness.chain.input_names
 
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds the URDF."""
+        return f"<Compensation of {self.robot.name}: {len(self.values)} terms>"
+
     def corrected_configuration(self, q: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
         """What to feed the calibrated model so that its forward kinematics is where the arm is.
 
@@ -84,6 +88,7 @@ class Compensation:
 
         Raises:
             ShapeMismatch: q or approach has not one number a joint, or the payload not one a pose.
+            UsageError: the payload is no number.
         """
         rows = self._checked(q)
         corrected = rows + self._deflection(rows, self._masses(payload, len(rows)), self._directions(approach, rows))
@@ -125,7 +130,7 @@ class Compensation:
         return np.asarray(q[0] if np.ndim(q_wanted) == 1 else q)
 
     def deflections(self, q: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
-        """Angle by which each term turns its joint, (n, terms), [rad], in the order of `softness.terms`."""
+        """Angle by which each term turns its joint, (n, terms), also for one configuration, [rad], in the order of `softness.terms`."""
         rows = self._checked(q)
         return self.softness.basis(rows, self._masses(payload, len(rows)), self._directions(approach, rows)) * self._values
 
@@ -148,6 +153,8 @@ class Compensation:
         if payload is None:
             return None
         masses = np.asarray(payload, dtype=float)
+        if not np.isfinite(masses).all():
+            raise UsageError(f"expected a payload in kg, found {payload}")
         if masses.shape not in ((), (n,)):
             raise ShapeMismatch(f"expected one payload, or {n}; found shape {masses.shape}")
         return np.broadcast_to(masses, (n,))

@@ -28,10 +28,18 @@ FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at 
 
 @dataclass(frozen=True)
 class PriorScale:
-    """Standard deviations of a group of parameters: translations in metres, rotations in radians."""
+    """Standard deviations of a group of parameters: translations in metres, rotations in radians.
+
+    Raises:
+        UsageError: one of them is not above zero; a parameter that is known is fixed instead.
+    """
 
     translation: float
     rotation: float
+
+    def __post_init__(self) -> None:
+        if not (self.translation > 0 and self.rotation > 0):
+            raise UsageError(f"a prior's standard deviations must be above zero, found {self.translation:g} m and {self.rotation:g} rad")
 
     def sigma(self, unit: str) -> float:
         """The one for a parameter's unit."""

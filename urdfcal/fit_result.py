@@ -27,7 +27,7 @@ from urdfcal.spot_model import SpotModel, kinds_of
 
 _MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere
 _SURELY = 3.0  # sigmas of a prior that was stated wider than that
-_MOST_WANDER = 1 * DEG  # a beam that scatters more is not one of a calibrated arm
+_MOST_WANDER = 3 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
 
@@ -201,12 +201,12 @@ class FitResult:
             if scatter > kind.most * kind.size:
                 return (
                     f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
-                    "check their order, units and axes"
+                    "check their order, units and axes, or state the noise if there is so much"
                 )
         if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
             return (
                 f"the spots scatter by {KINDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
-                f"{angle / DEG:.2g} deg; no arm and no laser is so bad: check the joints' units, signs and zeros, and the rig"
+                f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
             )
         return ""
 

@@ -21,9 +21,9 @@ Columns = npt.NDArray[np.intp]
 Change = Callable[[Measurements], Measurements]
 Values = Callable[[Matrix], Matrix]  # of values (n, k)
 
-_LEAST_TURN = 0.5  # [rad] joints that turn less than this were not read in degrees
+_LEAST_READ = 0.5  # [rad] or [m] joints that move less than this were not read in degrees or millimetres
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion x, y, z, w
-_MOST_TURN = 4 * np.pi  # [rad] no joint is farther from zero
+_MOST_READ = 4 * np.pi  # [rad] or [m] no joint is farther from zero
 _ON_SCREEN = {
     "y and z of the spots swapped": [[0, 1], [1, 0]],
     "y of the spots mirrored, as if seen from behind the screen": [[-1, 0], [0, 1]],
@@ -106,9 +106,9 @@ def _of_joint(joint: UrdfJoint, column: Columns, data: Measurements) -> Iterator
 def _of_unit(name: str, small: str, large: str, factor: float, columns: Columns, data: Measurements) -> Iterator[Mistake]:
     """Numbers in a unit that is `factor` times another, taken for that other one; and the other way round."""
     most = float(np.abs(data.q[:, columns]).max())
-    if most > _LEAST_TURN:
+    if most > _LEAST_READ:
         yield Mistake(f"{name} read as {small}", partial(_moved, columns, factor, 0.0))
-    if most / factor < _MOST_TURN:
+    if most / factor < _MOST_READ:
         yield Mistake(f"{name} read as {large} in place of {small}", partial(_moved, columns, 1 / factor, 0.0))
 
 

@@ -39,6 +39,8 @@ GATE = 0.999  # share of good poses that lie within the gate
 _STALE = 1.0  # [sigmas] by which the mean may move before the history is linearised afresh
 _REST = 1e-3  # [sigmas] the last step of doing so
 _GROWTH = 1.5  # and by how much the history may grow
+_DISHONEST = 4.0  # sigmas of chi-squared beyond which the noise is not what it is taken for
+_MOST_SKIPPED = 3  # poses in a row that a gate may leave out: then it is the belief that is wrong
 _FREEDOM = 10.0  # degrees of freedom from which on the spot noise is estimated
 
 
@@ -128,7 +130,7 @@ class OnlineCalibrator:
             joint_sigma: Noise of a joint reading as for `fit`, [rad], one number or one a joint.
             tool: Link whose pose relative to the base is to be accurate; the module by default.
             target_mm: Predicted position error of the tool that is good enough, [mm].
-            gate: Leave out poses beyond the gate.
+            gate: Leave out poses beyond the gate, but not one after the other without end: then the belief is wrong, and not they.
             workspace: Configurations over which the tool must be accurate, (n, inputs), [rad] or [m]; by default random within limits.
             rng: Source of randomness for the configurations.
 
@@ -147,6 +149,7 @@ class OnlineCalibrator:
         self._prior = Belief.independent(self.errors.mean, self.errors.sigma)
         self._history = _History(robot)
         self._extra: dict[str, float] = {}
+        self._skipped = 0
         self._misfit: Misfit | None = None
         noise = Noise(spot_sigma or start_sigma_of("spot"), joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
         self._mark(self._prior.x)
@@ -171,11 +174,12 @@ class OnlineCalibrator:
             return self._refuse(pose)
         belief, nis = _updated(self.state.belief, here, self.state.noise)
         gate = chi_squared_gate(here.count)
-        if self._gated and nis > gate:
+        if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
             return self._skip(
                 f"pose {pose.poses[0]}: its spots are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate
             )
         self._history.add(pose)
+        self._skipped = 0
         fresh = self._settled(belief, self.state.noise) if here.count and self._stale(belief) else None
         self.state = self._state(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
         return self.state
@@ -208,6 +212,7 @@ class OnlineCalibrator:
 
     def _skip(self, why: str, nis: float, gate: float) -> OnlineState:
         """The belief as it was, and why."""
+        self._skipped += 1
         self.state = replace(self.state, nis=nis, gate=gate, skipped=why, relinearised=False)
         return self.state
 
@@ -219,23 +224,23 @@ class OnlineCalibrator:
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
         data = self.measurements()
-        found = self._batch(data, belief, noise)
-        if found.converged and stating_kinds(data) and (self._extra or self._misfit_of(data, found).sigmas > MORE):
-            fitted = model_for(self.errors, widened(data, self._extra), found.noise)
-            self._extra = extra_noise(fitted, found.belief.x, found.noise, data, ["spot"])
-            found = self._batch(data, found.belief, noise)
+        extra, found = self._extra, self._batch(widened(data, self._extra), belief, noise)
+        if found.converged and stating_kinds(data) and (extra or self._misfit_of(widened(data, extra), found).sigmas > MORE):
+            fitted = model_for(self.errors, widened(data, extra), found.noise)
+            extra = extra_noise(fitted, found.belief.x, found.noise, data, ["spot"])
+            found = self._batch(widened(data, extra), found.belief, noise)
         if not found.converged:
             return None
-        self._misfit = self._misfit_of(data, found)
+        self._extra, self._misfit = extra, self._misfit_of(widened(data, extra), found)
         self._mark(found.belief.x)
         return found.belief, replace(found.noise, stated=noise.stated)
 
     def _batch(self, data: Measurements, belief: Belief, noise: Noise) -> Estimate:
-        model, held = model_for(self.errors, widened(data, self._extra), noise), noise.all_stated or self._freedom(belief) < _FREEDOM
+        model, held = model_for(self.errors, data, noise), noise.all_stated or self._freedom(belief) < _FREEDOM
         return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
 
     def _misfit_of(self, data: Measurements, found: Estimate) -> Misfit:
-        here = model_for(self.errors, widened(data, self._extra), found.noise).linearise(found.belief.x)
+        here = model_for(self.errors, data, found.noise).linearise(found.belief.x)
         return misfits(here, found.noise, found.belief.P)[0]
 
     def _freedom(self, belief: Belief) -> float:
@@ -258,7 +263,7 @@ class OnlineCalibrator:
         position, rotation, spot = variance[: 3 * n], variance[3 * n : 6 * n], variance[6 * n :]
         tool = float(np.sqrt(position.sum() / n)) / MM
         known = noise.all_stated or self._freedom(belief) >= _FREEDOM
-        honest = self._misfit is None or not self._misfit.odd or self._misfit.chi_squared < 1
+        honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
         return OnlineState(
             poses=len(self._history),
             belief=belief,

@@ -21,6 +21,7 @@ from urdfcal.commands.inputs import (
     priors_of,
     require_lasers_for,
     require_places,
+    require_priors_used,
     rig_file_of,
     rig_options,
     sensor_noise,
@@ -190,7 +191,9 @@ def fit(
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, rng())
-    require_lasers_for(data, estimate, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
+    require_lasers_for(data, estimate, screen=screen, laser=laser)
+    if reference_known and not data.readings:
+        raise UsageError("--reference-known is about a measuring frame, and these measurements are laser spots alone")
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
@@ -211,7 +214,13 @@ def fit(
         base_link(arm, tool)  # refuse a link that does not move before any work is done
     say(verbose, f"{about(arm)}; {len(data)} poses")
     calibration = run_fit(arm, data, test=further, rng=rng(), **how)
-    warned = (*calibration.warnings, *(further.warnings if further else ()), *coverage_warnings(arm, calibration))
+    require_priors_used(priors, calibration.errors)
+    warned = (
+        *calibration.warnings,
+        *wish.cautions(calibration),
+        *(further.warnings if further else ()),
+        *coverage_warnings(arm, calibration),
+    )
     calibration = replace(calibration, warnings=warned)
     bent = wish.of(calibration)
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
@@ -226,7 +235,7 @@ def fit(
         folds,
         predicted_spots(arm, calibration, rng()),
     )
-    files, cautions = outputs.contents(calibration, bent, rng())
+    files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)
     write_together(files)
     if as_json:

@@ -21,6 +21,7 @@ from urdfcal.softness import EXTRAS
 
 if TYPE_CHECKING:
     from urdfcal.calibration import Calibration
+    from urdfcal.extras import Extras
     from urdfcal.sag import SagFit
 
 
@@ -51,7 +52,9 @@ class Outputs:
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
         )
 
-    def contents(self, calibration: Calibration, sag: SagFit | None, rng: np.random.Generator) -> tuple[dict[str | Path, bytes], list[str]]:
+    def contents(
+        self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
+    ) -> tuple[dict[str | Path, bytes], list[str]]:
         """What goes into them, and what the user ought to know of it.
 
         Raises:
@@ -61,7 +64,7 @@ class Outputs:
         files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: record}
         if self.camera:
             files[places["camera"]] = _camera_file(calibration, record)
-        files |= {report: report_bytes(report, calibration, sys.argv, sag) for report in self.reports}
+        files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine()) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
                 raise UsageError(
@@ -114,6 +117,12 @@ class SagWish:
     gravity: Gravity
     estimate: bool
     extras: tuple[str, ...]
+
+    def cautions(self, calibration: Calibration) -> list[str]:
+        """What the user asked about sag, and will not be told."""
+        asked = self.wanted and (self.extras or self.estimate or self.gravity != Gravity())
+        few = len(calibration.data) < LEAST_POSES
+        return [f"sag is not looked at with fewer than {LEAST_POSES} poses; what was asked about it has no effect"] if asked and few else []
 
     def of(self, calibration: Calibration) -> SagFit | None:
         """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""

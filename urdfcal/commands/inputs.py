@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.errors import UsageError
 
 if TYPE_CHECKING:
-    from urdfcal.error_model import PriorScale
+    from urdfcal.error_model import ErrorModel, PriorScale
     from urdfcal.gauge import ModelOptions
     from urdfcal.measurements import Measurements
     from urdfcal.rig_file import RigFile
@@ -81,6 +81,8 @@ def measured(
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     if target is not None and not (rig and rig.target) and target not in {each.link for each in data.readings}:
         raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
+    if reference is not None and not (rig and rig.reference) and not data.readings:
+        raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")
     if camera is not None and not any(each.kind == "pixel" for each in data.readings):
         raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
     return as_measured(robot, data), data
@@ -169,6 +171,19 @@ def require_lasers_for(data: Measurements, estimate: Sequence[str] | None, **opt
     given = [*of_lasers, *(f"--{name.replace('_', '-')}" for name, value in options.items() if value)]
     if given and not data.lasers:
         raise UsageError(f"{given[0]} is about laser spots, and these measurements have none")
+
+
+def require_priors_used(priors: Mapping[Kind, Any], errors: ErrorModel) -> None:
+    """Refuse priors of parameters that are not estimated.
+
+    Raises:
+        UsageError: names the first of them.
+    """
+    estimated = {parameter.kind for parameter in errors.parameters}
+    options = {"joint": "--prior-joint", "mount": "--prior-mount", "screen": "--prior-screen", "beam": "--prior-beams"}
+    for kind in priors:
+        if kind not in estimated:
+            raise UsageError(f"{options[kind]} is about parameters that are not estimated; --estimate adds screen, beams or beams4")
 
 
 def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dict[str, float]:

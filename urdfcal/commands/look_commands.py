@@ -15,6 +15,7 @@ from urdfcal.commands.inputs import (
     measured,
     priors_of,
     require_lasers_for,
+    require_priors_used,
     rig_file_of,
     rig_options,
     sensor_noise,
@@ -123,7 +124,7 @@ def check(
     rig_file = rig_file_of(rig)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
     say(verbose, about(arm))
-    require_lasers_for(data, estimate, prior_screen=prior_screen, prior_beams=prior_beams, screen=screen, laser=laser)
+    require_lasers_for(data, estimate, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     result = run_check(
@@ -134,6 +135,7 @@ def check(
         joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
         rng=np.random.default_rng(seed),
     )
+    require_priors_used(priors, result.errors)
     warn(result.warnings, quiet)
     show(check_json(result) if as_json else None, check_blocks(result))
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from urdfcal.errors import UsageError
 from urdfcal.files import write_whole
@@ -31,15 +32,27 @@ def write_report(path: Path, calibration: FitResult, command: Sequence[str]) -> 
     write_whole(path, report_bytes(path, calibration, command))
 
 
-def report_bytes(path: Path, calibration: FitResult, command: Sequence[str], sag: SagFit | None = None) -> bytes:
+def report_bytes(
+    path: Path, calibration: FitResult, command: Sequence[str], sag: SagFit | None = None, further: Mapping[str, Any] | None = None
+) -> bytes:
     """The content of a report, by the ending of its file; with what gravity does to the robot, if that is known.
+
+    Args:
+        path: The file.
+        calibration: What the fit found.
+        command: How it was called.
+        sag: What gravity does to the robot.
+        further: What machines are told beside the fit, for `.json`.
 
     Raises:
         UsageError: the file has another ending.
     """
     require_report_ending(path)
-    writers: dict[str, Callable[[FitResult, Sequence[str], SagFit | None], str]] = {".html": _html, ".md": _markdown, ".json": _json}
-    return writers[path.suffix.lower()](calibration, command, sag).encode("utf-8", "backslashreplace")
+    if path.suffix.lower() == ".json":
+        text = _json(calibration, sag, further or {})
+    else:
+        text = {".html": _html, ".md": _markdown}[path.suffix.lower()](calibration, command, sag)
+    return text.encode("utf-8", "backslashreplace")
 
 
 def require_report_ending(path: Path) -> None:
@@ -66,5 +79,5 @@ def _markdown(calibration: FitResult, command: Sequence[str], sag: SagFit | None
     return markdown(report_of(calibration, command, sag_section(sag)))
 
 
-def _json(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
-    return json.dumps(calibration_json(calibration) | {"sag": sag_json(sag) if sag is not None else None}, indent=2) + "\n"
+def _json(calibration: FitResult, sag: SagFit | None, further: Mapping[str, Any]) -> str:
+    return json.dumps(calibration_json(calibration) | dict(further) | {"sag": sag_json(sag) if sag is not None else None}, indent=2) + "\n"
