@@ -13,7 +13,7 @@ from urdfcal.calibration import fit
 from urdfcal.error_model import PriorScale
 from urdfcal.errors import FitRejected, UsageError
 from urdfcal.evaluation import evaluate
-from urdfcal.gauge import ModelOptions
+from urdfcal.gauge import ModelOptions, ParameterPrior
 from urdfcal.geometry import DEG, MM
 from urdfcal.measurements import Measurements
 from urdfcal.reading_simulation import simulate_readings
@@ -172,3 +172,49 @@ def test_joint_noise_that_is_too_large_is_said(robots: dict[str, Robot], rng: np
     robot, data = data_of(POINTS, robots, rng)
     found = fit(robot, data, joint_sigma=np.radians(0.2))
     assert any("as much as the stated noise of the joints explains" in warning for warning in found.warnings)
+
+
+def test_a_prior_that_was_stated_is_believed(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A joint that may be far off, since its own prior says so, is no reason to reject the fit."""
+    setup = setup_of(SensorCase("panda", ("pose:panda_link8",)), robots, rng, model="auto")
+    name = "panda_joint4.d_theta"
+    x = setup.x.copy()
+    x[setup.errors.names.index(name)] = np.radians(65)
+    data = simulate_readings(replace(setup, x=x), 60, rng, NOISE)
+    single = {name: ParameterPrior(sigma=np.radians(40))}
+    assert fit(setup.robot, data, options=ModelOptions(single=single), sane=False).rejection == ""
+
+
+def test_evaluate_takes_rig_files_of_more_than_was_measured(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """What a rig.yaml says of beams and of other sessions does not matter to points of one."""
+    robot, data = data_of(POINTS, robots, rng)
+    single = {"laser_1.rot_x": ParameterPrior(sigma=0.01), "tool0:b.trans_x": ParameterPrior(sigma=0.01)}
+    assert evaluate(robot, data, ModelOptions(single=single)) == evaluate(robot, data)
+
+
+WRONG_PRIORS = {
+    "no group named 'joints' among 9 groups; did you mean 'joint'": {"joints": PriorScale(1e-3, 1e-3)},
+    "expected a PriorScale": {"joint": "1mm,1deg"},
+}
+
+
+@pytest.mark.parametrize("said", WRONG_PRIORS)
+def test_priors_that_mean_nothing_are_refused(said: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A typo in a group, or text in place of numbers, is said at once; and so are a model or a path in place of robot and data."""
+    robot, data = data_of(POINTS, robots, rng)
+    with pytest.raises(UsageError, match=said):
+        fit(robot, data, priors=WRONG_PRIORS[said])  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="expected a Robot"):
+        fit(robot.model, data)
+    with pytest.raises(UsageError, match="expected Measurements"):
+        fit(robot, "measurements.csv")  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="must be above zero"):
+        PriorScale(0.0, 0.1)
+
+
+def test_perfect_data_of_a_perfect_robot(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Nothing to find and no noise to find it by: the fit ends, with sigmas that are numbers."""
+    setup = setup_of(POINTS, robots, rng, model="auto", translation=0.0, rotation=0.0)
+    found = fit(setup.robot, simulate_readings(setup, 60, rng))
+    assert found.converged
+    assert np.isfinite(found.sigma).all()

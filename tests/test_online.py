@@ -225,3 +225,18 @@ def test_understated_spots_do_not_promise_too_much(robots: dict[str, Robot], rng
     assert stating.state.extra_noise_mm == pytest.approx(1.0, rel=0.2)
     assert stating.state.tool_sigma_mm == pytest.approx(usual.state.tool_sigma_mm, rel=0.2)
     assert not stating.state.enough
+    batch = stating.calibration()
+    assert batch.rejection == ""
+    np.testing.assert_allclose(batch.sigma, stating.state.sigma, rtol=0.1)
+
+
+def test_a_gate_does_not_lock_itself_out(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Poses that are beyond the gate one after the other show that the belief is wrong, and are taken."""
+    robot = robots["panda"]
+    model, truth = random_truth(robot, rng, 2e-3, np.radians(0.2))
+    data = simulate(robot, model, truth, draw_poses(robot, model, truth, 60, rng), rng, SimulatedNoise(1e-3))
+    online = OnlineCalibrator(robot, gate=True, spot_sigma=1e-3)
+    for q, spots in zip(data.q, data.spots, strict=True):
+        online.update(q, spots, np.full(2, 1e-4))
+    assert online.state.poses > 30
+    assert online.state.extra_noise_mm == pytest.approx(1.0, rel=0.3)

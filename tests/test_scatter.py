@@ -155,3 +155,30 @@ def test_options_that_would_be_ignored_are_refused(run_cli: Callable[..., CliRes
     for words in (("--gravity", "0,0,-1"), ("--payload", "1@slm"), ("--also", "approach")):
         done = run_cli("fit", ARM, "m.csv", "--no-sag", *words)
         assert (done.code, "--no-sag leaves out" in done.err) == (2, True)
+
+
+def test_some_that_state_their_noise_leave_the_others_alone(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """One beam's column, ten times too large or too small, costs the other beam no spot, and is said or made up for."""
+    robot, data = of_lasers(robots, rng)
+    for times in (10.0, 0.1):
+        sigma = np.column_stack([np.full(len(data), times * NOISE.spot), np.full(len(data), np.nan)])
+        found = fit(robot, replace(data, sigma=sigma))
+        assert not found.outliers
+        assert found.after["laser_2"].mean == pytest.approx(found.after["laser_1"].mean, rel=0.5)
+        assert any("scatter 0.1" in words or "scatter more than their" in words for words in found.warnings)
+
+
+def test_columns_are_no_matter_of_the_gate(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Noise beyond columns is found without the gate, too; and the robust estimator needs none to tell outliers from noise."""
+    robot, data = of_lasers(robots, rng)
+    assert fit(robot, stating(data, NOISE.spot / 10), gated=False).extra_noise["spot"] == pytest.approx(NOISE.spot, rel=0.2)
+    wild = stating(data, NOISE.spot)
+    wild.spots[::10, 0] += 0.05
+    assert not fit(robot, wild, estimator="robust", gated=False).extra_noise
+
+
+def test_noise_that_columns_state_is_not_stated_again(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where every spot states its own noise, one number for all of them would mean nothing."""
+    robot, data = of_lasers(robots, rng)
+    with pytest.raises(UsageError, match="every spot states its own noise"):
+        fit(robot, stating(data, NOISE.spot), spot_sigma=1e-3)

@@ -40,7 +40,6 @@ SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' defl
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance
-_ROUNDING, _LEAST = 1e-12, 1e-6  # share of the squared data that is rounding; and what they are where the nominal robot fits exactly
 _ROUNDS, _FIXED_POINT_ROUNDS = 8, 300
 _REST = 1e-3
 
@@ -130,7 +129,7 @@ def _chosen(
     members = {group: np.array([own == group for own in groups]) for group in scales}
     A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
-    most = np.append(usual / noise.sigma, 1.0)
+    least, most = np.append(noise.times(0.0).sigma / noise.sigma, 1.0), np.append(usual / noise.sigma, 1.0)
     fixed = np.append(noise.stated, True) | (np.array([each.count for each in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
         sigma = np.array([scales[group] if group else parameter.sigma for group, parameter in zip(groups, errors.parameters, strict=True)])
@@ -142,7 +141,7 @@ def _chosen(
             if own.any():
                 scales[group] = _scale(dx[own], decided[own], (START_SCALES | SAG_SCALES)[group])
         own_factors = np.array([each.factor(dx, P, size, limit) for each, size, limit in zip(sums, factor, most, strict=True)])
-        factor = np.asarray(np.where(fixed, factor, own_factors))
+        factor = np.asarray(np.where(fixed, factor, np.maximum(own_factors, least)))
         if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:
             break
     return scales, noise.times(factor[:-1])
@@ -166,7 +165,7 @@ class _Sums:
         if freedom < LEAST_FREEDOM:
             return min(size, most)
         misfit = float(self.c - 2 * self.b @ dx + dx @ self.A @ dx)
-        return float(np.sqrt(max(misfit, _ROUNDING * max(self.c, _LEAST)) / freedom))
+        return float(np.sqrt(max(misfit, 1e-12 * self.c) / freedom))
 
 
 def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
