@@ -32,7 +32,6 @@ from urdfcal.report import text_report
 from urdfcal.robot import Robot, with_text
 from urdfcal.scatter import fitted_beyond_columns, in_words, widened
 from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
@@ -186,9 +185,9 @@ def with_test(calibration: Calibration, test: Measurements) -> Calibration:
         )
     _require_same_instruments(calibration, test)
     test = widened(test, calibration.extra_noise)
-    joints = calibration.estimate.noise.of_joints
-    test_errors, x = with_new_places(calibration.errors, calibration.x, test, calibration.estimate.noise)
-    model, outliers = without_gross_outliers(SpotModel(test_errors, test, joints), calibration.estimate)
+    noise = calibration.estimate.noise
+    test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
+    model, outliers = without_gross_outliers(model_for(test_errors, test, noise), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
 

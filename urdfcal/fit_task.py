@@ -76,11 +76,11 @@ class FitTask:
         """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
         errors = nominal.errors
         start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
-        first = _First(replace(self.method, start=start), model_for(errors, data, noise), nominal.x, noise)
+        first = _first_fit(replace(self.method, start=start), model_for(errors, data, noise), nominal.x, noise)
         if not data.seen.any() or self.method.as_published or explains(first.model, first.found, noise):
             return first
         begun = begin(first.model, noise, self.sane)
-        return _First(replace(self.method, start=begun.x), model_for(begun.errors, data, noise), begun.x, noise, begun.message)
+        return _first_fit(replace(self.method, start=begun.x), model_for(begun.errors, data, noise), begun.x, noise, begun.message)
 
     def _scaled(self, first: _First, clean: CleanFit, noise: Noise) -> _Scaled:
         """Refit with the joints' prior scales chosen by evidence; priors that were stated, also for single parameters, stay."""
@@ -131,6 +131,7 @@ class FitTask:
         return replace(result, warnings=(*result.warnings, *disagreement(result), *large_noise(result)))
 
 
+@dataclass(frozen=True)
 class _First:
     """A fit of everything that was measured.
 
@@ -143,11 +144,12 @@ class _First:
         message: What had to be done for it, in words.
     """
 
-    def __init__(self, method: Method, model: SpotModel, x: Vector, noise: Noise, message: str = "") -> None:
-        """Fit."""
-        self.method, self.model, self.x, self.message = method, model, x, message
-        self.prior = Belief.independent(model.errors.mean, model.errors.sigma)
-        self.found = method.run(model, self.prior, noise)
+    method: Method
+    model: SpotModel
+    x: Vector
+    prior: Belief
+    found: Estimate
+    message: str = ""
 
     def without_outliers(self, noise: Noise) -> CleanFit:
         """The same without what it cannot explain, if the method tells outliers apart.
@@ -162,6 +164,11 @@ class _First:
         if len(clean.estimate.history) == 1:
             require_beams_on_screen(self.model, self.x)
         return clean
+
+
+def _first_fit(method: Method, model: SpotModel, x: Vector, noise: Noise, message: str = "") -> _First:
+    prior = Belief.independent(model.errors.mean, model.errors.sigma)
+    return _First(method, model, x, prior, method.run(model, prior, noise), message)
 
 
 @dataclass(frozen=True)

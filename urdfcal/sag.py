@@ -188,7 +188,6 @@ class _Setup:
     def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
         self.calibration, self.chain = calibration, calibration.robot.chain
         self.data, self.noise = calibration.data, calibration.estimate.noise
-        self.joints = self.noise.of_joints
         lower, upper = joint_limits(calibration.robot)
         drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
         self.range = np.vstack([drawn, calibration.data.q])
@@ -203,7 +202,7 @@ class _Setup:
     def alone(self) -> _Fitted:
         """The geometry-only calibration, as if it had been made here."""
         errors = self.calibration.errors
-        return _Fitted(errors, self.calibration.estimate, SpotModel(errors, self.data, self.joints))
+        return _Fitted(errors, self.calibration.estimate, model_for(errors, self.data, self.noise))
 
     def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
         """Geometry and some terms together."""
@@ -211,13 +210,13 @@ class _Setup:
         known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
         known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
         x = np.array([known.get(name, 0.0) for name in errors.names])
-        model = SpotModel(errors, self.data, self.joints)
+        model = model_for(errors, self.data, self.noise)
         first = _run(model.linearise, errors, self.noise, x)
         chosen = self.calibration.evidence
         if chosen is not None and first.converged:
             keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
             errors, first, _ = by_evidence(model.linearise, errors, self.noise, first, keep)
-            model = SpotModel(errors, self.data, self.joints)
+            model = model_for(errors, self.data, self.noise)
         return _Fitted(errors, first, model, terms)
 
     def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:

@@ -133,9 +133,12 @@ class StoredCalibration(Applicable):
 
         Raises:
             CalibrationFileError: the calibration is another robot's, or the robot is calibrated already.
+            UsageError: a model or a path was given in place of the robot.
         """
         from urdfcal.viewer import view_of
 
+        if not isinstance(robot, Robot):
+            raise UsageError(f"show: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
         return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
 
 

@@ -30,7 +30,7 @@ from urdfcal.measurements import Measurements
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import with_new_places
 from urdfcal.robot import Robot
-from urdfcal.spot_model import SpotModel
+from urdfcal.spot_model import SpotModel, model_for
 from urdfcal.urdf_tree import UrdfJoint
 
 Rows = npt.NDArray[np.intp]
@@ -168,9 +168,8 @@ class _Comparison:
 
 def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
-    joints = noise.of_joints
-    here = SpotModel(errors, calibration.data, joints).linearise(calibration.x)
-    there = SpotModel(errors, test, joints).linearise(calibration.x)
+    here = model_for(errors, calibration.data, noise).linearise(calibration.x)
+    there = model_for(errors, test, noise).linearise(calibration.x)
     P = _posterior(here, noise, errors.sigma)
     if not noise.all_stated:
         noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))

@@ -164,7 +164,6 @@ def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:
-
     from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     origins, _ = read_calibration(calibrated).origins_for(arm)
