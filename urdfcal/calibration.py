@@ -32,6 +32,7 @@ from urdfcal.report import text_report
 from urdfcal.robot import Robot, with_text
 from urdfcal.scatter import fitted_beyond_columns, in_words, widened
 from urdfcal.slots import Kind
+from urdfcal.spot_model import model_for
 from urdfcal.urdf_writer import with_origins
 
 if TYPE_CHECKING:
