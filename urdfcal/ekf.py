@@ -234,8 +234,7 @@ def degrees_of_freedom(here: Linearisation, H: Matrix, belief: Belief) -> Vector
     own = here.unstated
     if len(here.counts) == 1 and np.array_equal(own, here.measured):
         return here.counts - float(np.sum(belief.P * (H.T @ H)))
-    free = np.where(own, 1 - np.sum((H @ belief.P) * H, axis=1).reshape(own.shape), 0.0)
-    return np.asarray(np.bincount(here.kinds, free.sum(axis=0), minlength=len(here.counts)))
+    return here.of_kinds(np.where(own, 1 - here.leverages(H, belief.P), 0.0))
 
 
 def _damped(

@@ -63,6 +63,7 @@ def main_unit(table: SpotTable) -> str:
 
 def rms_mm(table: SpotTable) -> float:
     """Root mean square of the distances over all lasers or targets, in the main unit."""
-    rows = [row for row in table.values() if row.unit == main_unit(table)]
+    unit = main_unit(table)
+    rows = [row for row in table.values() if row.unit == unit]
     count = sum(row.n for row in rows)
     return float(np.sqrt(sum(row.n * (row.mean**2 + row.std**2) for row in rows) / max(count, 1)))

@@ -39,7 +39,7 @@ def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector
         own = _own_sigma(data, name)
         if not len(own):  # nothing to estimate it from, and nothing that it matters to
             stated[kind] = True
-        elif np.isfinite(own).all():
+        elif states_all(data, name):
             sigma[kind], stated[kind] = np.sqrt(np.mean(own**2)), True
         elif name in known:
             sigma[kind], stated[kind] = known[name], True

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urdfcal.geometry import Matrix, Vector
+from urdfcal.geometry import Matrix
 from urdfcal.noise import LEAST_FREEDOM, Linearisation, Noise
 from urdfcal.reading_kinds import KINDS
 
@@ -41,12 +41,6 @@ class Misfit:
         return (self.chi_squared - 1) / float(np.sqrt(2 / max(self.freedom, 1.0)))
 
 
-def leverages(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
-    """What each number was drawn towards its measurement, as a share of its variance, (n, m)."""
-    H = noise.weights(here).jacobian(here)
-    return np.asarray(np.einsum("ij,ij->i", H @ P, H).reshape(here.residual.shape))
-
-
 def misfits(here: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
     """One for each kind of reading, in the order of the noise.
 
@@ -58,14 +52,13 @@ def misfits(here: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
     Returns:
         Of a kind of which any state their own noise, that of those alone.
     """
-    stating = here.measured & ~here.unstated
-    any_of_kind = (_by_kind(here, stating.astype(float)) > 0)[here.kinds]
-    own = np.where(any_of_kind, stating, here.measured)
-    squares = np.where(own, (noise.weights(here).residual(here) ** 2).reshape(own.shape), 0.0)
-    free = np.where(own, 1 - leverages(here, noise, P), 0.0)
+    weights, stating = noise.weights(here), here.measured & ~here.unstated
+    own = np.where((here.of_kinds(stating) > 0)[here.kinds], stating, here.measured)
+    squares = np.where(own, (weights.residual(here) ** 2).reshape(own.shape), 0.0)
+    free = np.where(own, 1 - here.leverages(weights.jacobian(here), P), 0.0)
     return tuple(
         Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
-        for chi_squared, freedom in zip(_by_kind(here, squares), _by_kind(here, free), strict=True)
+        for chi_squared, freedom in zip(here.of_kinds(squares), here.of_kinds(free), strict=True)
     )
 
 
@@ -77,7 +70,3 @@ def misfit_words(found: Mapping[str, Misfit], kind: str, stated: bool) -> str:
         f"the {KINDS[kind].several} scatter {np.sqrt(own.chi_squared):.2g} times as much as the {noise} explains "
         f"(chi-square {own.chi_squared:.3g} per degree of freedom)"
     )
-
-
-def _by_kind(here: Linearisation, numbers: Matrix) -> Vector:
-    return np.asarray(np.bincount(here.kinds, numbers.sum(axis=0), minlength=len(here.counts)))

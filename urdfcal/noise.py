@@ -72,7 +72,20 @@ class Linearisation:
     @property
     def counts(self) -> Vector:
         """How many numbers of each kind were measured, (kinds,)."""
-        return np.asarray(np.bincount(self.kinds, np.asarray(np.count_nonzero(self.measured, axis=0), dtype=float)))
+        return self.of_kinds(self.measured)
+
+    def of_kinds(self, numbers: Any) -> Vector:
+        """Sum of something that each number has, (n, m), by kind, (kinds,)."""
+        return np.asarray(np.bincount(self.kinds, np.asarray(numbers.sum(axis=0), dtype=float)))
+
+    def leverages(self, H: Matrix, P: Matrix) -> Matrix:
+        """What each number was drawn towards its measurement, as a share of its variance, (n, m): the diagonal of H P H'.
+
+        Args:
+            H: Whitened Jacobian, (n m, p).
+            P: Covariance of the parameters, (p, p).
+        """
+        return np.asarray(np.einsum("ij,ij->i", H @ P, H).reshape(self.residual.shape))
 
     @property
     def unstated(self) -> Any:
@@ -192,7 +205,7 @@ class Noise:
         """
         freedom = np.atleast_1d(degrees_of_freedom)
         squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
-        chi_squared = np.bincount(here.kinds, (squares * here.unstated).sum(axis=0), minlength=len(freedom))
+        chi_squared = here.of_kinds(squares * here.unstated)
         fixed = self.stated | (freedom < LEAST_FREEDOM)
         return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
 

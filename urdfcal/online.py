@@ -32,7 +32,7 @@ from urdfcal.reading_kinds import start_sigma_of
 from urdfcal.robot import Robot
 from urdfcal.scatter import MORE, extra_noise, widened
 from urdfcal.simulation import draw_poses, joint_limits
-from urdfcal.spot_model import model_for
+from urdfcal.spot_model import SpotModel, model_for
 
 WORKSPACE = 50  # configurations over which accuracy is predicted
 GATE = 0.999  # share of good poses that lie within the gate
@@ -224,24 +224,21 @@ class OnlineCalibrator:
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
         data = self.measurements()
-        extra, found = self._extra, self._batch(widened(data, self._extra), belief, noise)
-        if found.converged and stating_kinds(data) and (extra or self._misfit_of(widened(data, extra), found).sigmas > MORE):
-            fitted = model_for(self.errors, widened(data, extra), found.noise)
-            extra = extra_noise(fitted, found.belief.x, found.noise, data, ["spot"])
-            found = self._batch(widened(data, extra), found.belief, noise)
+        extra, model = self._extra, model_for(self.errors, widened(data, self._extra), noise)
+        found = self._batch(model, belief, noise)
+        if found.converged and stating_kinds(data) and (extra or _misfit_of(model, found).sigmas > MORE):
+            extra = extra_noise(model, found.belief.x, found.noise, data, ["spot"])
+            model = model_for(self.errors, widened(data, extra), noise)
+            found = self._batch(model, found.belief, noise)
         if not found.converged:
             return None
-        self._extra, self._misfit = extra, self._misfit_of(widened(data, extra), found)
+        self._extra, self._misfit = extra, _misfit_of(model, found)
         self._mark(found.belief.x)
         return found.belief, replace(found.noise, stated=noise.stated)
 
-    def _batch(self, data: Measurements, belief: Belief, noise: Noise) -> Estimate:
-        model, held = model_for(self.errors, data, noise), noise.all_stated or self._freedom(belief) < _FREEDOM
+    def _batch(self, model: SpotModel, belief: Belief, noise: Noise) -> Estimate:
+        held = noise.all_stated or self._freedom(belief) < _FREEDOM
         return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
-
-    def _misfit_of(self, data: Measurements, found: Estimate) -> Misfit:
-        here = model_for(self.errors, data, found.noise).linearise(found.belief.x)
-        return misfits(here, found.noise, found.belief.P)[0]
 
     def _freedom(self, belief: Belief) -> float:
         """Measurements less the parameters that they decide."""
@@ -327,6 +324,10 @@ class _History:
             sets=np.full(n, "fit"),
             sessions=np.full(n, ""),
         )
+
+
+def _misfit_of(model: SpotModel, found: Estimate) -> Misfit:
+    return misfits(model.linearise(found.belief.x), found.noise, found.belief.P)[0]
 
 
 def _updated(belief: Belief, here: Linearisation, noise: Noise) -> tuple[Belief, float]:

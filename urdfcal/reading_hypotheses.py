@@ -16,7 +16,7 @@ from urdfcal.error_model import ErrorModel
 from urdfcal.errors import FitRejected
 from urdfcal.geometry import Vector
 from urdfcal.hypotheses import Hypothesis, Judged, best_of, times_better
-from urdfcal.measurements import Measurements
+from urdfcal.measurements import Mask, Measurements
 from urdfcal.method import observations_of
 from urdfcal.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
 from urdfcal.noise import LEAST_FREEDOM, Noise
@@ -41,7 +41,7 @@ def readings_explained(model: SpotModel, found: Estimate, noise: Noise) -> bool:
         noise: As stated, or where its estimation started.
     """
     errors = model.errors
-    of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
+    of_joints = _of_joints(errors)
     if np.any(np.abs(found.belief.x - errors.mean)[of_joints] > INCREDIBLE * errors.sigma[of_joints]):
         return False
     return found.converged and _left_over(model, found.belief.x, noise) < _PLAUSIBLE
@@ -95,7 +95,7 @@ class _Trial:
         errors = self.model.errors
         prior = Belief.independent(errors.mean, errors.sigma)
         x = reweighted(observations_of(self.model), prior, self.noise, start=self.x).belief.x
-        of_joints = np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
+        of_joints = _of_joints(errors)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
         left = self.shrunk * _left_over(self.model, x, self.noise)
@@ -117,6 +117,11 @@ def _turning(errors: ErrorModel, data: Measurements) -> float:
     """How much of a circle the turning joints see: 0 for joints at rest, 1 for all directions alike."""
     turning = [index for index, joint in enumerate(errors.chain.inputs) if not joint.prismatic]
     return float(np.sqrt(np.mean(1 - np.abs(np.exp(1j * data.q[:, turning]).mean(axis=0)) ** 2))) if turning else 1.0
+
+
+def _of_joints(errors: ErrorModel) -> Mask:
+    """Which parameters are errors of joints, (p,)."""
+    return np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
 
 
 def _left_over(model: SpotModel, x: Vector, noise: Noise) -> float:

@@ -20,7 +20,6 @@ from urdfcal.geometry import Matrix, Vector
 from urdfcal.known_noise import stating_kinds
 from urdfcal.measurements import Measurements
 from urdfcal.method import Method, posterior
-from urdfcal.misfit import leverages
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.reading_kinds import KINDS
 from urdfcal.spot_model import SpotModel, kinds_of, model_for
@@ -108,8 +107,9 @@ def _with_sigma(here: Linearisation, sigma: Matrix, extra: Mapping[int, float]) 
 def _refitted(here: Linearisation, noise: Noise, prior: Belief, x: Vector) -> tuple[Matrix, Matrix]:
     """Squared residuals once the linearised set was fitted from x with this noise, and their degrees of freedom 1 - h, both (n, m)."""
     weights, P = noise.weights(here), posterior(here, prior, noise)
-    gradient = weights.jacobian(here).T @ weights.residual(here) + (prior.x - x) / np.diag(prior.P)
-    return (here.residual - here.jacobian @ (P @ gradient)) ** 2, 1 - leverages(here, noise, P)
+    H = weights.jacobian(here)
+    gradient = H.T @ weights.residual(here) + (prior.x - x) / np.diag(prior.P)
+    return (here.residual - here.jacobian @ (P @ gradient)) ** 2, 1 - here.leverages(H, P)
 
 
 def _variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:

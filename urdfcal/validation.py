@@ -27,6 +27,7 @@ from urdfcal.errors import UsageError
 from urdfcal.fit_result import CrossValidation
 from urdfcal.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.measurements import Measurements
+from urdfcal.method import posterior
 from urdfcal.noise import Linearisation, Noise
 from urdfcal.nominal import with_new_places
 from urdfcal.robot import Robot
@@ -170,10 +171,11 @@ def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
     here = model_for(errors, calibration.data, noise).linearise(calibration.x)
     there = model_for(errors, test, noise).linearise(calibration.x)
-    P = _posterior(here, noise, errors.sigma)
+    prior = Belief.independent(errors.mean, errors.sigma)
+    P = posterior(here, prior, noise)  # every measurement counted once, whatever the estimator's own
     if not noise.all_stated:
         noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))
-        P = _posterior(here, noise, errors.sigma)
+        P = posterior(here, prior, noise)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
     left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least, len(calibration.data))
     tested = _mean_squares(_residuals(there, noise), there, least, len(test))
@@ -181,12 +183,6 @@ def _compare(calibration: Calibration, test: Measurements) -> _Comparison:
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
     where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
     return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / MM)
-
-
-def _posterior(here: Linearisation, noise: Noise, prior_sigma: Vector) -> Matrix:
-    """Covariance of the parameters, (p, p), with every measurement counted once, whatever the estimator's own."""
-    J = noise.weights(here).jacobian(here) * prior_sigma
-    return np.asarray(np.linalg.inv(J.T @ J + np.eye(len(prior_sigma))) * np.outer(prior_sigma, prior_sigma))
 
 
 def _residuals(here: Linearisation, noise: Noise) -> Matrix:

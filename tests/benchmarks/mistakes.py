@@ -45,14 +45,20 @@ def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, pos
     return replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
 
 
-def said_of(robot: urdfcal.Robot, data: Data) -> tuple[str, str, float]:
-    """What `fit` makes of some measurements: refused, start, rejected or silent; its words; and how long it took, [s]."""
+def fitted(robot: urdfcal.Robot, data: Data) -> tuple[urdfcal.Calibration | None, str, float]:
+    """A fit, or None and why it was refused; and how long that took, [s]."""
     at = time.perf_counter()
     try:
-        found = urdfcal.fit(robot, data)
+        return urdfcal.fit(robot, data), "", time.perf_counter() - at
     except urdfcal.FitRejected as refused:
-        return "refused", str(refused), time.perf_counter() - at
-    seconds = time.perf_counter() - at
+        return None, str(refused), time.perf_counter() - at
+
+
+def said_of(robot: urdfcal.Robot, data: Data) -> tuple[str, str, float]:
+    """What `fit` makes of some measurements: refused, start, rejected or silent; its words; and how long it took, [s]."""
+    found, why, seconds = fitted(robot, data)
+    if found is None:
+        return "refused", why, seconds
     widened = [warning for warning in found.warnings if "widened to" in warning]
     if widened:
         return "start", widened[0], seconds

@@ -11,15 +11,14 @@ rest. Any but *silent* is an alarm where the data are healthy.
 from __future__ import annotations
 
 import argparse
-import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mistakes import fitted
 
-import urdfcal
 from urdfcal.gauge import ModelOptions, build_error_model
 from urdfcal.geometry import DEG, MM
 from urdfcal.measurements import Measurements
@@ -119,12 +118,9 @@ def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Chan
 
 def said_of(robot: Robot, data: Measurements) -> tuple[str, str, float]:
     """What `fit` makes of some measurements, in a word, its own words, and how long it took, [s]."""
-    at = time.perf_counter()
-    try:
-        found = urdfcal.fit(robot, data)
-    except urdfcal.FitRejected as refused:
-        return "refused", str(refused), time.perf_counter() - at
-    seconds = time.perf_counter() - at
+    found, why, seconds = fitted(robot, data)
+    if found is None:
+        return "refused", why, seconds
     if found.rejection:
         return "rejected", found.rejection, seconds
     true = [NOISE.angle if each.kind == "orientation" else NOISE.length for each in data.readings]

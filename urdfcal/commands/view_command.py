@@ -113,7 +113,6 @@ def view(
 
 
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
-
     from urdfcal.stored_calibration import corrected_robot, read_calibration
 
     if path.suffix.lower() not in (".yaml", ".yml"):
