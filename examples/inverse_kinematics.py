@@ -25,12 +25,13 @@ import numpy.typing as npt
 import pinocchio as pin
 
 import urdfcal
-from urdfcal.compensation import Compensation
-from urdfcal.corrections import OriginCorrection, corrected_model
-from urdfcal.error_model import ErrorModel
-from urdfcal.sag import fit_sag
-from urdfcal.sag_simulation import SagScales, soft_truth
-from urdfcal.simulation import draw_poses, noise_from, random_truth, simulate
+from urdfcal.calibration.analysis.compensation import Compensation
+from urdfcal.calibration.analysis.sag import fit_sag
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.robot.corrections import OriginCorrection, corrected_model
+from urdfcal.simulation.readings import noise_from, simulate
+from urdfcal.simulation.truth import SagScales, random_truth, soft_truth
 
 Vector = npt.NDArray[np.float64]
 MM, MRAD = 1e-3, 1e-3

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from tests.support.paths import ROBOTS_DIR
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the matrices are small, and the tests run side by side
 
 import numpy as np
 import pytest
 
-from urdfcal.robot import Robot, load_robot
-
-ROBOTS_DIR = Path(__file__).parents[1] / "robots"
+from urdfcal.robot.robot import Robot, load_robot
 
 
 class CliResult(NamedTuple):
@@ -41,7 +41,7 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def example_robots() -> Path:
     """The folder of example-robot-data's robot descriptions."""
-    from urdfcal.packages import find_package
+    from urdfcal.robot.packages import find_package
 
     return find_package("example-robot-data") / "robots"
 
@@ -49,7 +49,7 @@ def example_robots() -> Path:
 @pytest.fixture
 def run_cli(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., CliResult]:
     """Run the command line in this process, in an empty folder; what native code writes is caught too."""
-    from urdfcal.cli import main
+    from urdfcal.cli.main import main
 
     monkeypatch.chdir(tmp_path)
 

@@ -13,20 +13,22 @@ import pinocchio as pin
 import pytest
 
 import urdfcal
-from tests.helpers import assert_poses_close
-from tests.small_robot import URDF, robot_of
-from tests.test_urdf_writer import random_corrections
-from urdfcal.corrections import OriginCorrection, corrected_model, corrected_models
-from urdfcal.error_model import ErrorModel
-from urdfcal.errors import CalibrationFileError, RobotError, UsageError
-from urdfcal.geometry import Vector
-from urdfcal.robot import Robot, robot_from
-from urdfcal.sag_simulation import SagScales, soft_truth
-from urdfcal.simulation import draw_poses, random_truth, true_spots
-from urdfcal.urdf_writer import with_origins
+from tests.robot.test_urdf_writer import random_corrections
+from tests.support.helpers import assert_poses_close
+from tests.support.paths import ROOT
+from tests.support.small_robot import URDF, robot_of
+from urdfcal.base.errors import CalibrationFileError, RobotError, UsageError
+from urdfcal.base.geometry import Vector
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.robot.corrections import OriginCorrection, corrected_model, corrected_models
+from urdfcal.robot.robot import Robot, robot_from
+from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.simulation.readings import true_spots
+from urdfcal.simulation.truth import SagScales, random_truth, soft_truth
 
 NAMES = ("arm7", "panda", "ur5", "tiago")
-EXAMPLE = Path(__file__).parents[1] / "examples" / "inverse_kinematics.py"
+EXAMPLE = ROOT / "examples" / "inverse_kinematics.py"
 WEIGHTY = URDF.replace(  # a module, a tool and a base with mass, and a box on each
     '<link name="slm"/>', '<link name="slm"><inertial><mass value="0.7"/><origin xyz="0.01 0.02 0.03"/>'
     '<inertia ixx="1e-3" ixy="1e-4" ixz="0" iyy="2e-3" iyz="0" izz="2e-3"/></inertial>'

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.run_notebooks import FOLDER, ROOT, executed
+from tests.support.run_notebooks import FOLDER, ROOT, executed
 
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import CliResult
-from urdfcal.gauge import build_error_model
-from urdfcal.rig_file import read_rig_file
-from urdfcal.robot import Robot
-from urdfcal.vision.screen_markers import read_screen_markers
+from tests.support.paths import ROOT
+from urdfcal.calibration.rig_file import read_rig_file
+from urdfcal.model.gauge import build_error_model
+from urdfcal.robot.robot import Robot
+from urdfcal.vision.camera.markers import read_screen_markers
 
-ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text("utf-8")
 
 

@@ -11,91 +11,22 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 if TYPE_CHECKING:
-    from urdfcal.calibration import Calibration, fit
-    from urdfcal.compensation import load_compensation
-    from urdfcal.error_model import PriorScale
-    from urdfcal.errors import FitRejected, InputError, UrdfcalError, UsageError
-    from urdfcal.evaluation import evaluate
-    from urdfcal.gauge import ModelOptions
-    from urdfcal.gravity import Gravity
-    from urdfcal.measurement_file import read_measurements, write_measurements
-    from urdfcal.measurements import Measurements, measurements_from
-    from urdfcal.online import OnlineCalibrator
-    from urdfcal.robot import Robot, load_robot
-    from urdfcal.sag import fit_sag
-    from urdfcal.stored_calibration import StoredCalibration, apply
-    from urdfcal.stored_calibration import read_calibration as load_calibration
-    from urdfcal.validation import holdout, kfold
-
-_HOME = {
-    "Calibration": "calibration",
-    "evaluate": "evaluation",
-    "fit": "calibration",
-    "StoredCalibration": "stored_calibration",
-    "apply": "stored_calibration",
-    "load_calibration": "stored_calibration",
-    "FitRejected": "errors",
-    "InputError": "errors",
-    "UrdfcalError": "errors",
-    "UsageError": "errors",
-    "PriorScale": "error_model",
-    "holdout": "validation",
-    "kfold": "validation",
-    "ModelOptions": "gauge",
-    "OnlineCalibrator": "online",
-    "Gravity": "gravity",
-    "fit_sag": "sag",
-    "load_compensation": "compensation",
-    "Measurements": "measurements",
-    "measurements_from": "measurements",
-    "read_measurements": "measurement_file",
-    "write_measurements": "measurement_file",
-    "Robot": "robot",
-    "load_robot": "robot",
-}
-_OTHER_NAMES = {"load_calibration": "read_calibration"}
-
-__all__ = [
-    "__version__",
-    "Calibration",
-    "FitRejected",
-    "Gravity",
-    "InputError",
-    "Measurements",
-    "ModelOptions",
-    "OnlineCalibrator",
-    "PriorScale",
-    "Robot",
-    "StoredCalibration",
-    "UrdfcalError",
-    "UsageError",
-    "apply",
-    "evaluate",
-    "fit",
-    "fit_sag",
-    "holdout",
-    "kfold",
-    "load_calibration",
-    "load_compensation",
-    "load_robot",
-    "measurements_from",
-    "read_measurements",
-    "write_measurements",
-]
+    from urdfcal.api import *  # noqa: F403
 
 
 def __getattr__(name: str) -> Any:
-    """Load a public name when it is first asked for: Pinocchio takes a while, and `urdfcal --help` does not need it."""
-    if name not in _HOME:
+    """Load the public names when one is first asked for: Pinocchio takes a while, and `urdfcal --help` does not need it."""
+    if name.startswith("_") and name not in ("__all__", "__version__"):
         raise AttributeError(f"module 'urdfcal' has no attribute '{name}'")
-    value = getattr(import_module(f"urdfcal.{_HOME[name]}"), _OTHER_NAMES.get(name, name))
-    globals()[name] = value
-    return value
+    api = import_module("urdfcal.api")  # `from urdfcal import api` would ask this function again
+    public = {public: getattr(api, public) for public in api.__all__} | {"__all__": api.__all__}
+    if name not in public:
+        raise AttributeError(f"module 'urdfcal' has no attribute '{name}'")
+    globals().update(public)
+    return public[name]
 
 
 def __dir__() -> list[str]:
     """What there is, loaded or not."""
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__getattr__("__all__")})

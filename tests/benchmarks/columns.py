@@ -13,11 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from urdfcal.calibration import fit
-from urdfcal.gauge import build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
+from urdfcal.api import fit
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.gauge import build_error_model
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda" / "panda.urdf.xacro"
 

@@ -24,14 +24,13 @@ import numpy as np
 import pinocchio as pin
 
 import urdfcal
-from tests.test_compensation import bent_tips, tips
-from urdfcal.compensation import Compensation
-from urdfcal.gravity import Gravity, WeighedRobot
-from urdfcal.packages import find_package
-from urdfcal.robot import Robot
-from urdfcal.simulation import joint_limits
-from urdfcal.softness import Softness, gravity_terms
-from urdfcal.whole_robot import whole_configurations
+from tests.calibration.analysis.test_compensation import bent_tips, tips
+from urdfcal.calibration.analysis.compensation import Compensation
+from urdfcal.model.gravity import Gravity, WeighedRobot
+from urdfcal.model.softness import Softness, gravity_terms
+from urdfcal.robot.configurations import joint_limits, whole_configurations
+from urdfcal.robot.packages import find_package
+from urdfcal.robot.robot import Robot
 
 US = 1e-6
 ROOT = Path(__file__).parents[2]

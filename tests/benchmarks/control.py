@@ -18,7 +18,7 @@ import numpy as np
 import pinocchio as pin
 
 import urdfcal
-from urdfcal.corrections import OriginCorrection, corrected_model
+from urdfcal.robot.corrections import OriginCorrection, corrected_model
 
 ROOT = Path(__file__).parents[2]
 ROUNDS, CALLS = 31, 1000

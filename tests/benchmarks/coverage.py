@@ -15,9 +15,10 @@ import numpy.typing as npt
 from second_witness import DEG, MM, observations_of
 
 import urdfcal
-from urdfcal.error_model import FLAT, PriorScale
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.paper import paper_poses, paper_truth
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import FLAT, PriorScale
+from urdfcal.simulation.paper import paper_poses, paper_truth
 
 Array = npt.NDArray[np.float64]
 

@@ -21,13 +21,15 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.error_model import ErrorModel, PriorScale
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.measurements import measurements_from
-from urdfcal.paper import JOINT_NOISE, SPOT_NOISE, paper_poses, paper_truth
-from urdfcal.simulation import SimulatedNoise, simulate, true_spots
-from urdfcal.spot_model import SpotModel
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import PriorScale
+from urdfcal.sensors.measurements import measurements_from
+from urdfcal.simulation.paper import JOINT_NOISE, SPOT_NOISE, paper_poses, paper_truth
+from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 Array = npt.NDArray[np.float64]
 

@@ -14,13 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from urdfcal.calibration import fit
-from urdfcal.error_model import ErrorModel
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.measurements import measurements_from
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulation import SimulatedNoise, draw_poses, simulate, true_spots
-from urdfcal.spot_model import SpotModel
+from urdfcal.api import fit
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.sensors.measurements import measurements_from
+from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 ROOT = Path(__file__).parents[2]
 SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")

@@ -18,15 +18,17 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.ekf import Belief, Estimate, iterated_schedule
-from urdfcal.error_model import ErrorModel
-from urdfcal.errors import UsageError
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.measurements import Mask, Measurements
-from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
-from urdfcal.spot_model import SpotModel
-from urdfcal.start import rig_columns
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import DEG, MM, Mask
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.calibration.start.rig_search import rig_columns
+from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 Array = npt.NDArray[np.float64]
 

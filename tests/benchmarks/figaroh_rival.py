@@ -82,7 +82,7 @@ def splits(folder: str, data: Path) -> dict[str, list[Any]]:
 def with_urdfcal(robot: Any, train: Any, test: Any) -> tuple[Any, float]:
     """Distances on the test poses [mm] and CPU seconds of the default fit; outliers stay in."""
     import urdfcal
-    from urdfcal.spot_model import SpotModel
+    from urdfcal.calibration.problem import SpotModel
 
     began = time.process_time()
     found = urdfcal.fit(robot, train, gated=False)

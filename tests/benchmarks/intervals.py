@@ -23,16 +23,18 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.error_model import FLAT, ErrorModel, PriorScale
-from urdfcal.errors import UsageError
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.identifiability import DETERMINED
-from urdfcal.measurements import measurements_from
-from urdfcal.prediction import spot_jacobians, spot_sigma
-from urdfcal.simulation import SimulatedNoise, draw_poses, simulate, true_spots
-from urdfcal.slots import Kind
-from urdfcal.spot_model import SpotModel
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.analysis.prediction import spot_jacobians, spot_sigma
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.estimation.identifiability import DETERMINED
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import FLAT, Kind, PriorScale
+from urdfcal.sensors.measurements import measurements_from
+from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 Array = npt.NDArray[np.float64]
 Priors = dict[Kind, PriorScale]

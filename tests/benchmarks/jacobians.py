@@ -19,13 +19,14 @@ import numpy.typing as npt
 from second_witness import UrdfWay, observations_of
 
 import urdfcal
-from urdfcal.error_model import ErrorModel
-from urdfcal.frame_jacobian import ArmKinematics, LaserMotion, laser_motion
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.sensors import spot_jacobian, spots_on_screen
-from urdfcal.simulation import joint_limits
-from urdfcal.slots import MODELS
-from urdfcal.spot_model import SpotModel
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.jacobian import ArmKinematics, LaserMotion, laser_motion
+from urdfcal.model.options import ModelOptions
+from urdfcal.model.slots import MODELS
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.sensors.spots import spot_jacobian, spots_on_screen
 
 Array = npt.NDArray[np.float64]
 

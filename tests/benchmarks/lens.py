@@ -21,17 +21,16 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 import pinocchio as pin
 
-from tests.vision_scenes import corners_in_picture, marker_light, picture, random_camera
-from urdfcal.geometry import MM, distance_mm_mrad
-from urdfcal.vision.boards import BoardView, Chessboard
-from urdfcal.vision.camera_model import Camera
-from urdfcal.vision.lens import calibrate_lens
-from urdfcal.vision.marker_search import find_markers
+from tests.support.vision_scenes import corners_in_picture, marker_light, picture, random_camera
+from urdfcal.base.geometry import MM, distance_mm_mrad
+from urdfcal.sensors.camera import Camera
+from urdfcal.sensors.lenses import intrinsic_names
+from urdfcal.vision.camera.boards import BoardView, Chessboard
+from urdfcal.vision.camera.lens import calibrate_lens
+from urdfcal.vision.camera.markers import ScreenMarkers, find_markers
+from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
+from urdfcal.vision.camera.screen_pose import screen_from_markers
 from urdfcal.vision.pictures import picture_files, read_grey
-from urdfcal.vision.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
-from urdfcal.vision.projection import intrinsic_names
-from urdfcal.vision.screen_markers import ScreenMarkers
-from urdfcal.vision.screen_pose import screen_from_markers
 
 REFERENCE = {"left": 0.409, "right": 0.459}
 CENTRES = {0: (0.55, 0.4), 1: (-0.55, 0.4), 2: (0.55, -0.4), 3: (-0.55, -0.4), 4: (0.0, 0.4)}

@@ -22,9 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.gauge import build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.gauge import build_error_model
+from urdfcal.simulation.readings import SimulatedNoise, simulate
+from urdfcal.simulation.truth import random_truth
 
 Array = npt.NDArray[np.float64]
 Data = urdfcal.Measurements

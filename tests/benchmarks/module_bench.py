@@ -9,7 +9,7 @@ import argparse
 
 import numpy as np
 
-from urdfcal.vision.module_bench import BenchReadings, beams_from_bench, predicted_readings
+from urdfcal.vision.bench.beams import BenchReadings, beams_from_bench, predicted_readings
 
 TRUE = np.radians([[-27.80, 1.27], [31.07, 0.82]])
 ORIGINS = np.array([[0.002, -0.001], [-0.001, 0.0015]])

@@ -11,9 +11,11 @@ import time
 import numpy as np
 
 import urdfcal
-from urdfcal.gauge import ModelOptions
-from urdfcal.online import OnlineCalibrator
-from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate
+from urdfcal.calibration.analysis.online import OnlineCalibrator
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.options import ModelOptions
+from urdfcal.simulation.readings import SimulatedNoise, simulate
+from urdfcal.simulation.truth import random_truth
 
 TRANSLATION, ROTATION, SPOT_NOISE = 3e-3, np.radians(0.3), 0.5e-3  # [m], [rad], [m]
 ROBOTS = {"arm7": ModelOptions(estimate=("screen",)), "panda": ModelOptions()}

@@ -15,14 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from urdfcal.calibration import fit
-from urdfcal.errors import FitRejected
-from urdfcal.gauge import build_error_model, missing_screen_parameters
-from urdfcal.geometry import MM
-from urdfcal.measurements import Measurements, measurements_from
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate, true_spots
-from urdfcal.spot_model import SpotModel
+from urdfcal.api import fit
+from urdfcal.base.errors import FitRejected
+from urdfcal.base.geometry import MM
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.gauge import build_error_model, missing_screen_parameters
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
+from urdfcal.simulation.truth import random_truth
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 SHARES = (0.0, 0.05, 0.10, 0.20, 0.30)

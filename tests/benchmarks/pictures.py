@@ -14,7 +14,7 @@ import cv2
 
 import urdfcal
 from tests.benchmarks.view import simulated
-from tests.browser import Browser, Picture
+from tests.support.browser import Browser, Picture
 
 ROOT = Path(__file__).parents[2]
 ARM7 = ROOT / "robots" / "arm7"

@@ -20,11 +20,14 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.error_model import ErrorModel
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.simulation import SimulatedNoise, draw_poses, random_truth, simulate, true_spots
-from urdfcal.spot_model import SpotModel
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
+from urdfcal.simulation.truth import random_truth
 
 Array = npt.NDArray[np.float64]
 Truth = tuple[ErrorModel, Array]

@@ -19,14 +19,15 @@ from pathlib import Path
 import numpy as np
 from mistakes import fitted
 
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.measurements import Measurements
-from urdfcal.mistakes import mistakes_of_joints, mistakes_of_readings
-from urdfcal.reading_columns import quaternions_of
-from urdfcal.reading_simulation import ReadingNoise, simulate_readings
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulated_setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.rotations import quaternions_of
+from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_readings
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.simulation.readings import ReadingNoise, simulate_readings
+from urdfcal.simulation.setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
 
 ROBOTS = {"panda": "panda_link8", "ur5": "tool0", "tiago": "arm_tool_link"}
 SENSORS = {

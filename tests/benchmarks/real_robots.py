@@ -31,12 +31,12 @@ import numpy as np
 import numpy.typing as npt
 
 import urdfcal
-from urdfcal.geometry import DEG, MM
-from urdfcal.nominal import with_new_places
-from urdfcal.packages import find_package
-from urdfcal.readings import known_lengths
-from urdfcal.sag import fit_sag
-from urdfcal.spot_model import SpotModel
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.analysis.sag import fit_sag
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.start.nominal import with_new_places
+from urdfcal.robot.packages import find_package
+from urdfcal.sensors.readings import known_lengths
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]

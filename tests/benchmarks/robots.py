@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from second_witness import DEG, MM, link_poses, moved_urdf, observations_of, random_delta, transform
 
 import urdfcal
-from urdfcal.simulation import draw_poses, random_truth
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.simulation.truth import random_truth
 
 Array = npt.NDArray[np.float64]
 

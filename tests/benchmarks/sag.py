@@ -32,17 +32,17 @@ import numpy as np
 
 import urdfcal
 from tests.benchmarks.real_robots import ROBOTS, ROOT, Split, random_splits, repeatable_splits
-from urdfcal.calibration import Calibration
-from urdfcal.error_table import error_table, rms_mm
-from urdfcal.geometry import DEG, MM
-from urdfcal.nominal import with_new_places
-from urdfcal.packages import find_package
-from urdfcal.reading_simulation import ReadingNoise, simulate_readings
-from urdfcal.sag import SagFit, fit_sag
-from urdfcal.sag_simulation import SagScales, soft_truth
-from urdfcal.simulated_setup import parse_sensors, seen_with, simulated_setup
-from urdfcal.simulation import draw_poses, random_truth, simulate
-from urdfcal.spot_model import SpotModel
+from urdfcal.api import Calibration
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.analysis.sag import SagFit, fit_sag
+from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.calibration.start.nominal import with_new_places
+from urdfcal.robot.packages import find_package
+from urdfcal.simulation.readings import ReadingNoise, simulate, simulate_readings
+from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
+from urdfcal.simulation.truth import SagScales, random_truth, soft_truth
 
 MRAD = 1e-3
 WORTH_IT = 3.0  # of log evidence, under which the report says that sag is not worth a compensation

@@ -19,17 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-from urdfcal.calibration import Calibration, fit
-from urdfcal.error_model import PriorScale
-from urdfcal.error_table import error_table, rms_mm
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.geometry import DEG, MM
-from urdfcal.measurements import Measurements
-from urdfcal.reading_simulation import ReadingNoise, simulate_readings
-from urdfcal.readings import KnownLength
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulated_setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
-from urdfcal.spot_model import SpotModel
+from urdfcal.api import Calibration, fit
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import PriorScale
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.readings import KnownLength
+from urdfcal.simulation.readings import ReadingNoise, simulate_readings
+from urdfcal.simulation.setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
 
 try:
     from tests.benchmarks.evidence import factory_truths

@@ -16,15 +16,17 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.calibration import fit
-from urdfcal.ekf import Belief, paper_schedule
-from urdfcal.error_model import ErrorModel
-from urdfcal.gauge import ModelOptions, build_error_model
-from urdfcal.noise import Noise
-from urdfcal.paper import paper_poses, paper_truth
-from urdfcal.robot import Robot, load_robot
-from urdfcal.simulation import SimulatedNoise, draw_poses, simulate
-from urdfcal.spot_model import SpotModel
+from urdfcal.api import fit
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.estimation.ekf import Belief, paper_schedule
+from urdfcal.estimation.noise import Noise
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.simulation.paper import paper_poses, paper_truth
+from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 ROOT = Path(__file__).parents[2]
 ARM7 = ROOT / "robots" / "arm7" / "arm7.urdf.xacro"

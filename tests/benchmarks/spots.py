@@ -21,15 +21,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.geometry import Vector
-from urdfcal.vision.camera_model import Camera
-from urdfcal.vision.render_scene import Beam, Lighting, backdrop, glare, spot_light
-from urdfcal.vision.render_sensor import Sensor
-from urdfcal.vision.spot_detector import PixelSpot, find_spots
-from urdfcal.vision.spot_images import picture_from, read_picture
-from urdfcal.vision.spot_labels import label_spots
-from urdfcal.vision.spot_series import put_together
-from urdfcal.vision.spot_table import sigma_on_screen
+from urdfcal.base.geometry import Vector
+from urdfcal.sensors.camera import Camera
+from urdfcal.vision.pictures import picture_from, read_picture
+from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare, spot_light
+from urdfcal.vision.render.sensor import Sensor
+from urdfcal.vision.spots.detector import PixelSpot, find_spots
+from urdfcal.vision.spots.labels import label_spots
+from urdfcal.vision.spots.series import put_together
+from urdfcal.vision.spots.table import sigma_on_screen
 
 KINDS = ("clean", "clipped", "hard", "glare only")
 PHOTOS = {"crop_1": (595.6, 288.6), "crop_4": (595.7, 288.7), "crop_5": (595.9, 288.8), "green_closeup": None}

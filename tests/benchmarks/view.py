@@ -14,10 +14,12 @@ from pathlib import Path
 import numpy as np
 
 import urdfcal
-from tests.browser import Browser, find_browser
-from urdfcal.measurements import Measurements
-from urdfcal.robot import Robot
-from urdfcal.simulation import ScreenArea, SimulatedNoise, draw_poses, random_truth, simulate
+from tests.support.browser import Browser, find_browser
+from urdfcal.calibration.reach import ScreenArea, draw_poses
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.simulation.readings import SimulatedNoise, simulate
+from urdfcal.simulation.truth import random_truth
 
 ROBOTS = ("arm7", "arm4", "panda", "ur5", "tiago")
 TRANSLATION, ROTATION, SPOT_NOISE = 5e-3, np.radians(0.5), 5e-4  # [m], [rad], [m]

@@ -1,1 +1,1 @@
-"""Pictures: the camera's lens, the screen in front of it, the marker sheets, the spots on it."""
+"""From pictures to numbers: cameras, boards, spots, benches, and rendered pictures."""

@@ -1,0 +1,99 @@
+"""Packages are found without ROS."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from urdfcal.base.errors import RobotError
+from urdfcal.robot.packages import find_package, resolve_uri
+
+
+@pytest.fixture(autouse=True)
+def _no_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_PACKAGE_PATH", raising=False)
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+
+
+def package(folder: Path, name: str, declared: str | None = None) -> Path:
+    place = folder / name
+    place.mkdir(parents=True)
+    if declared is not None:
+        (place / "package.xml").write_text(f"<package><name> {declared} </name></package>")
+    return place
+
+
+def test_package_dir_may_hold_the_package_or_be_it(tmp_path: Path) -> None:
+    """--package-dir names the folder above a package, or the package itself."""
+    place = package(tmp_path, "arm_description")
+    assert find_package("arm_description", [tmp_path]) == place
+    assert find_package("arm_description", [place]) == place
+
+
+def test_the_name_in_package_xml_counts(tmp_path: Path) -> None:
+    """A package is known by its package.xml up to three folders below, whatever its folder is called."""
+    place = package(tmp_path, "src/vendor/checkout-2", "arm_description")
+    assert find_package("arm_description", [tmp_path]) == place
+    assert find_package("arm_description", [place]) == place
+
+
+def test_ros_package_path_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every entry of ROS_PACKAGE_PATH is searched; empty and missing ones do no harm."""
+    place = package(tmp_path / "b", "arm_description")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", os.pathsep.join(["", str(tmp_path / "nope"), str(tmp_path / "b")]))
+    assert find_package("arm_description") == place
+
+
+def test_ament_prefix_path_is_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package under AMENT_PREFIX_PATH lies in its prefix's share folder."""
+    place = package(tmp_path, "share/arm_description")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path / "nope"), str(tmp_path)]))
+    assert find_package("arm_description") == place
+
+
+@pytest.mark.parametrize("name", ["example-robot-data", "tiago_description"])
+def test_the_prefix_of_pip_is_searched(name: str) -> None:
+    """example-robot-data and its robots are found where pip put them."""
+    assert find_package(name).name == name
+
+
+def test_the_users_folder_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """--package-dir beats ROS_PACKAGE_PATH, which beats AMENT_PREFIX_PATH, which beats pip's prefix."""
+    places = [package(tmp_path, f"{where}/tiago_description") for where in ("user", "ros", "ament/share")]
+    found = []
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
+    found.append(find_package("tiago_description"))
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    found.append(find_package("tiago_description"))
+    found.append(find_package("tiago_description", [tmp_path / "user"]))
+    assert found[::-1] == places
+
+
+def test_package_xml_that_cannot_be_read_is_passed_over(tmp_path: Path) -> None:
+    """Broken package.xml files in a workspace do not stop the search."""
+    for index, text in enumerate([b"", b"<package>", b"<package/>", b"<?xml version='1.0' encoding='nope'?><package/>"]):
+        (package(tmp_path, f"p{index}") / "package.xml").write_bytes(text)
+    place = package(tmp_path, "z", "arm_description")
+    assert find_package("arm_description", [tmp_path]) == place
+
+
+def test_a_package_that_is_nowhere_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    """The message names the package and the option to set."""
+    with pytest.raises(RobotError, match=r"package 'nope_description' was not found; .*--package-dir.*ROS_PACKAGE_PATH"):
+        find_package("nope_description", [tmp_path])
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../etc", "a/b"])
+def test_only_names_are_looked_for(tmp_path: Path, name: str) -> None:
+    """What is no name cannot lead out of the package folders."""
+    with pytest.raises(RobotError, match="is no name of a package"):
+        find_package(name, [tmp_path])
+
+
+def test_uris_become_paths(tmp_path: Path) -> None:
+    """package://pkg/path lies in the package; anything else stays as it is."""
+    place = package(tmp_path, "arm_description")
+    assert resolve_uri("package://arm_description/urdf/a.xacro", [tmp_path]) == str(place / "urdf" / "a.xacro")
+    assert resolve_uri("urdf/a.xacro", [tmp_path]) == "urdf/a.xacro"

@@ -1,0 +1,170 @@
+"""The camera's geometry and its file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from tests.support.helpers import assert_poses_close, central_differences
+from tests.support.vision_scenes import random_camera
+from urdfcal.base.errors import InputError, ShapeMismatch, UsageError
+from urdfcal.sensors.camera import Camera
+from urdfcal.sensors.lenses import intrinsic_names, projected, widest_tangent
+from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
+
+MATRIX = np.array([[800.0, 0, 640], [0, 805, 360], [0, 0, 1]])
+LENSES = {
+    "plain": np.array([-0.25, 0.06, 1e-3, -5e-4, 0.01]),
+    "rational": np.array([0.1, -0.02, 1e-3, 5e-4, 0.01, 0.35, -0.01, 0.02]),
+    "fisheye": np.array([-0.02, 0.01, -3e-3, 5e-4]),
+}
+
+
+def camera_with(lens: str) -> Camera:
+    return replace(random_camera(np.random.default_rng(3)), size=(1280, 720), matrix=MATRIX, distortion=LENSES[lens], lens=lens)
+
+
+def pixels_of(camera: Camera, count: int = 200) -> np.ndarray:
+    return np.random.default_rng(1).uniform(0, np.array(camera.size) * 0.999, (count, 2))
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_project_takes_a_pixels_ray_back_to_it(lens: str) -> None:
+    """Rays are the inverse of project, everywhere in the picture, and have unit length."""
+    camera, pixels = camera_with(lens), pixels_of(camera_with(lens))
+    rays = camera.rays(pixels)
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(camera.project(rays * 2.5), pixels, atol=1e-6)
+
+
+@pytest.mark.parametrize("lens", ["plain", "rational"])
+def test_rays_agree_with_opencv(lens: str) -> None:
+    """OpenCV's undistortion, iterated to the end, has the same rays."""
+    camera, pixels = camera_with(lens), pixels_of(camera_with(lens))
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 500, 1e-12)
+    undistort = getattr(cv2, "undistortPointsIter", None)  # OpenCV 4; a keyword of undistortPoints in OpenCV 5
+    expected = (
+        undistort(pixels[:, None], camera.matrix, camera.distortion, np.eye(3), np.eye(3), criteria)
+        if undistort
+        else cv2.undistortPoints(pixels[:, None], camera.matrix, camera.distortion, criteria=criteria)
+    )[:, 0]
+    rays = camera.rays(pixels)
+    np.testing.assert_allclose(rays[:, :2] / rays[:, 2:], expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_jacobians_are_the_derivatives(lens: str) -> None:
+    """By the point, by the lens and by the pixel, against central differences."""
+    camera = camera_with(lens)
+    pixels = pixels_of(camera, 8)
+    points = camera.rays(pixels) * 2.0
+    by_point = central_differences(lambda shift: camera.project(points + shift), np.zeros(3), 1e-6)
+    np.testing.assert_allclose(camera.project_jacobian(points), by_point, atol=1e-4)
+    by_pixel = central_differences(lambda shift: camera.spots_of_pixels(pixels + shift), np.zeros(2), 1e-3)
+    np.testing.assert_allclose(camera.spot_jacobian(pixels), by_pixel, atol=1e-8)
+
+    def moved(lens_numbers: np.ndarray) -> np.ndarray:
+        fx, fy, cx, cy, *distortion = lens_numbers
+        return projected(points, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), np.array(distortion), camera.lens)[0]
+
+    numbers = np.concatenate([MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]], camera.distortion])
+    by_lens = projected(points, MATRIX, camera.distortion, camera.lens)[2]
+    np.testing.assert_allclose(by_lens, central_differences(moved, numbers, 1e-6), rtol=1e-6, atol=1e-5)
+
+
+def test_spots_and_pixels_are_inverse() -> None:
+    """A spot's pixel leads back to the spot, from the front and from the back."""
+    for side in ("front", "back"):
+        camera = random_camera(np.random.default_rng(5), side)
+        spots = np.random.default_rng(6).uniform(-0.7, 0.7, (50, 2))
+        np.testing.assert_allclose(camera.spots_of_pixels(camera.pixels_of_spots(spots)), spots, atol=1e-9)
+
+
+def test_left_is_plus_y_from_the_front_and_right_from_the_back() -> None:
+    """+y appears at the left and +z at the top from the front; from the back +y is at the right."""
+    for side, sign in (("front", -1), ("back", 1)):
+        camera = random_camera(np.random.default_rng(5), side, oblique_deg=1.0)
+        origin, left, up = camera.pixels_of_spots(np.array([[0, 0], [0.3, 0], [0, 0.3]]))
+        assert np.sign(left[0] - origin[0]) == sign
+        assert up[1] < origin[1]
+        centre = camera.T_camera_screen.actInv(np.zeros(3))
+        assert np.sign(centre[0]) == sign
+
+
+def test_nothing_is_seen_behind_the_camera_or_where_the_lens_turns_back() -> None:
+    """Beyond the range of the lens model a point is nan; OpenCV would put it into the picture."""
+    camera = replace(camera_with("plain"), distortion=np.array([-0.3, 0, 0, 0, 0]))
+    assert widest_tangent(tuple(camera.distortion), "plain") == pytest.approx(np.sqrt(1 / 0.9))
+    far = np.array([[1.6, 0.0, 1.0], [0.0, 0.0, -1.0], [0.1, 0.0, 1.0]])
+    assert np.isfinite(camera.project(far)).all(axis=1).tolist() == [False, False, True]
+    by_opencv = cv2.projectPoints(far[:1], np.zeros(3), np.zeros(3), MATRIX, camera.distortion)[0].ravel()
+    assert (by_opencv < camera.size).all()
+    corner = np.array([[10_000.0, 10_000.0]])
+    assert np.isnan(camera.rays(corner)).all()
+    assert np.isnan(camera.spot_jacobian(corner)).all()
+
+
+def test_a_camera_without_a_screen_says_so() -> None:
+    """Spots need a screen; distortion must fit the lens."""
+    camera = replace(camera_with("plain"), T_camera_screen=None)
+    with pytest.raises(UsageError, match="knows no screen"):
+        camera.pixels_of_spots(np.zeros((1, 2)))
+    with pytest.raises(ShapeMismatch, match="8 distortion numbers"):
+        replace(camera, lens="rational")
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_camera_comes_back_from_its_file(lens: str, tmp_path: Path, rng: np.random.Generator) -> None:
+    """Everything that is written is read again, to the last digit that counts."""
+    size = len(intrinsic_names(camera_with(lens).lens))
+    root = rng.normal(size=(size, size))
+    camera = replace(
+        camera_with(lens), side="back", rms=0.2, lens_covariance=root @ root.T, screen_rms=0.1, screen_covariance=np.eye(6) * 1e-6
+    )
+    path = tmp_path / "camera.yaml"
+    path.write_bytes(camera_yaml(camera, {"command": "urdfcal camera"}))
+    again = read_camera(path)
+    np.testing.assert_array_equal(again.matrix, camera.matrix)
+    np.testing.assert_array_equal(again.distortion, camera.distortion)
+    np.testing.assert_array_equal(again.lens_covariance, camera.lens_covariance)
+    np.testing.assert_array_equal(again.screen_covariance, camera.screen_covariance)
+    assert (again.size, again.lens, again.side, again.rms, again.screen_rms) == (camera.size, lens, "back", 0.2, 0.1)
+    assert_poses_close(again.T_camera_screen, camera.T_camera_screen, mm=1e-9, mrad=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("lens: plain", "lens: round", "entry 'lens'"),
+        ("fx: 800.0", "fx: -800.0", "expected positive"),
+        ("fx: 800.0", "fz: 800.0", "a plain lens has fx, fy"),
+        ("fx: 800.0", "fx: .nan", "entry 'intrinsics.fx'"),
+        ("size_px: [1280, 720]", "size_px: [1280]", "entry 'size_px"),
+        ("side: front", "side: left", "entry 'screen.side'"),
+        ("intrinsics:", "numbers:", "is no camera"),
+        ("rpy: [", "rpy: [1.0, ", "entry 'screen.rpy"),
+    ],
+)
+def test_a_broken_camera_file_is_refused_by_name(old: str, new: str, words: str, tmp_path: Path) -> None:
+    """One line that names the file and the entry."""
+    text = camera_yaml(camera_with("plain")).decode()
+    assert old in text
+    path = tmp_path / "camera.yaml"
+    path.write_text(text.replace(old, new), "utf-8")
+    with pytest.raises(InputError, match=words) as refusal:
+        read_camera(path)
+    assert str(refusal.value).startswith(str(path))
+    assert "\n" not in str(refusal.value)
+
+
+def test_se3_of_the_screen_is_a_rotation() -> None:
+    """The scenes' cameras are proper placements (no mirror in space, from either side)."""
+    for side in ("front", "back"):
+        rotation = random_camera(np.random.default_rng(8), side).T_camera_screen.rotation
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+        np.testing.assert_allclose(pin.exp3(pin.log3(rotation)), rotation, atol=1e-12)

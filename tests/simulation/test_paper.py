@@ -1,0 +1,72 @@
+"""The paper's simulation, as far as its own figures can be expected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from urdfcal.base.terminal import as_text
+from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
+from urdfcal.output.text.paper import paper_blocks, paper_json
+from urdfcal.robot.robot import Robot
+from urdfcal.simulation.paper import Line, cases, paper_poses, paper_tables, paper_truth
+
+
+@pytest.fixture(scope="module")
+def lines(robots: dict[str, Robot]) -> list[Line]:
+    """One draw."""
+    return paper_tables(robots["arm7"], runs=1, seed=1)
+
+
+def mean_to_true(lines: list[Line], protocol: str, estimator: str, case: int, poses: str) -> float:
+    """Mean distance to the noise-free spot over both lasers, [mm]."""
+    found = [line for line in lines if (line.protocol, line.estimator, line.case, line.poses) == (protocol, estimator, case, poses)]
+    return float(found[0].to_true[:, 0].mean())
+
+
+def test_poses_are_the_papers(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """30 poses within 10 deg of home with joint 4 not positive, 30 within the limits of Table I."""
+    robot = robots["arm7"]
+    errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="dh"))
+    q = np.degrees(paper_poses(robot, errors, paper_truth(errors), rng))
+    assert q.shape == (60, 7)
+    assert np.abs(q[:30]).max() <= 10
+    assert q[:, 3].max() <= 0
+    assert (q >= [-180, -10, -10, -120, -90, -30, -30]).all()
+    assert (q <= [90, 90, 30, 0, 90, 30, 30]).all()
+
+
+def test_cases_share_the_poses_as_section_iv_says() -> None:
+    """Case 1 calibrates near home and tests wide, case 2 halves both, case 3 takes all."""
+    rows = {(case, name): mask for case, name, mask in cases()}
+    assert [int(mask.sum()) for mask in rows.values()] == [30, 30, 30, 30, 60]
+    assert (rows[1, "fit"] ^ rows[1, "test"]).all()
+    assert rows[2, "fit"][:30].sum() == rows[2, "fit"][30:].sum() == 15
+
+
+def test_table_ii_is_of_the_published_size(lines: list[Line]) -> None:
+    """Before calibration the poses near home are off by what the paper prints: 84 mm and 16 mm, within a quarter."""
+    before = next(line for line in lines if not line.estimator and (line.case, line.poses) == (1, "fit"))
+    np.testing.assert_allclose(before.to_true[:, 0], [84.06, 15.94], rtol=0.25)
+
+
+def test_the_published_accuracy_needs_averaged_readings(lines: list[Line]) -> None:
+    """With the mean of 100 readings case 3 comes out as published (about 0.1 mm), with one reading ten times worse."""
+    averaged = mean_to_true(lines, "mean of 100", "EKF", 3, "fit")
+    assert 0.05 < averaged < 0.2
+    assert 5 < mean_to_true(lines, "one reading", "EKF", 3, "fit") / averaged < 20
+
+
+def test_poses_over_the_whole_workspace_generalise(lines: list[Line]) -> None:
+    """As the paper concludes, calibrating near home alone (case 1) predicts wide poses far worse than case 2."""
+    assert mean_to_true(lines, "mean of 100", "EKF", 1, "test") > 3 * mean_to_true(lines, "mean of 100", "EKF", 2, "test")
+
+
+def test_the_tables_hold_published_and_own_figures(lines: list[Line]) -> None:
+    """Both reports name every case and the published figures; nothing is cut off."""
+    text = as_text(paper_blocks(lines, 1))
+    assert "0.12/0.04/0.23" in text
+    assert "84.1/4.54/96.0" in text
+    assert "…" not in text
+    assert len(paper_json(lines)["lines"]) == 5 + 2 * 3 * 5

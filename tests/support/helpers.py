@@ -1,0 +1,54 @@
+"""Second witnesses shared by the tests: finite differences, and comparisons that speak millimetres."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix, Vector, distance_mm_mrad
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmKinematics, laser_motion
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.spots import spots_on_screen
+
+ROBOTS = ("arm7", "arm4", "panda", "ur5", "tiago")
+
+
+def with_joint(index: int, factor: float = 1.0, shift: float = 0.0) -> Callable[[Measurements], Measurements]:
+    """A mistake in one joint's readings."""
+    keep = np.eye(100)[index] == 1
+    return lambda data: replace(data, q=np.where(keep[: data.q.shape[1]], data.q * factor + shift, data.q))
+
+
+def central_differences(function: Callable[[Vector], Matrix], x: Vector, step: float = 1e-5) -> Matrix:
+    """Derivative of an array by each component of x, stacked on a new last axis."""
+    columns = []
+    for index in range(len(x)):
+        shift = np.zeros_like(x)
+        shift[index] = step
+        columns.append((function(x + shift) - function(x - shift)) / (2 * step))
+    return np.stack(columns, axis=-1)
+
+
+def assert_poses_close(actual: object, desired: object, *, mm: float = 1e-6, mrad: float = 1e-6) -> None:
+    """Fail with the distance between two placements."""
+    off_mm, off_mrad = distance_mm_mrad(actual, desired)
+    assert off_mm <= mm, f"off by {off_mm:.3g} mm and {off_mrad:.3g} mrad"
+    assert off_mrad <= mrad, f"off by {off_mm:.3g} mm and {off_mrad:.3g} mrad"
+
+
+def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, count: int, rng: np.random.Generator, least_zx: float = 0.3) -> Matrix:
+    """Random joint positions at which every beam meets the screen at no grazing angle and within 3 m, limits apart."""
+    arm = ArmKinematics(robot.chain)
+    found = np.empty((0, len(robot.chain.inputs)))
+    while len(found) < count:
+        q = rng.uniform(-2.5, 2.5, (2000, len(robot.chain.inputs)))
+        q[:, [joint.prismatic for joint in robot.chain.inputs]] *= 0.1
+        motion = laser_motion(arm, errors, q, x)
+        _, length = spots_on_screen(motion.source, motion.direction)
+        good = (np.abs(motion.direction[..., 0]) > least_zx) & (length > 0) & (length < 3)
+        found = np.vstack([found, q[good.all(axis=1)]])
+    return found[:count]

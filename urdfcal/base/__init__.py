@@ -1,0 +1,1 @@
+"""What everything stands on: errors, geometry, files, tables, the terminal. Knows no robot."""

@@ -1,0 +1,1 @@
+"""What a fit or its data are worth: identifiability, predictions, validation, compensation."""

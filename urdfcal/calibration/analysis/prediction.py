@@ -1,0 +1,288 @@
+"""How sure a fit is of what a user sees: the predicted sigma of the spots, and of a tool relative to the robot's base.
+
+Both are linear propagations of the parameters' covariance,
+
+    Sigma = J P J',    sigma^2 = trace of its position (or rotation, or spot) block,
+
+with J from the same screws as Jac1. A sigma so defined is the root of the expected squared *distance* from the truth, all directions
+taken together.
+
+The tool's error is relative to the *base link*: the link on which the first calibrated joint on the tool's own way from the root
+hangs. Screen and lasers are instruments, so their placements do not enter, unless the tool is itself mounted behind them (the module
+is: its mount counts for it). Mind the gauge: under the error model `auto`, parameters of the first joints that no measurement could
+tell from the screen's placement are carried by it, and the last joint's zero by the mount. They have no sigma of their own, so the
+base frame meant here is the one that the calibrated screen defines; where that frame lies in the room is not part of the tool's error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.base.errors import RobotError, ShapeMismatch
+from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector, product
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.reach import poses_in_view
+from urdfcal.calibration.result import FitResult
+from urdfcal.model.error_model import ErrorModel, Placements
+from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.sensors.measurements import Measurements
+
+_CONFIGURATIONS = 200
+
+
+@dataclass(frozen=True)
+class WorkspaceAccuracy:
+    """Predicted error of a link relative to the base, over random configurations within the joint limits.
+
+    Attributes:
+        link, base: The two links.
+        mm, mrad: Root mean square over the configurations of the predicted error in position and rotation.
+        worst_mm: Of the worst configuration.
+    """
+
+    link: str
+    base: str
+    mm: float
+    mrad: float
+    worst_mm: float
+
+    def words(self) -> str:
+        """One line."""
+        return (
+            f"{self.link} relative to {self.base}, over the workspace: {self.mm:.2g} mm and {self.mrad:.2g} mrad expected, "
+            f"{self.worst_mm:.2g} mm in the worst configuration"
+        )
+
+
+def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.random.Generator) -> WorkspaceAccuracy:
+    """Predict how far off a link still is, from the covariance of the fit; see `prediction.py` for what carries no sigma."""
+    lower, upper = joint_limits(robot)
+    q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
+    sigma = tool_sigma(robot, calibration.errors, calibration.covariance, calibration.x, link, q) * 1e3
+    mm, mrad = np.sqrt(np.mean(sigma**2, axis=0))
+    return WorkspaceAccuracy(link, base_link(robot, link), float(mm), float(mrad), float(sigma[:, 0].max()))
+
+
+def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:
+    """How far off the spots still are over the workspace, by the fit's covariance; None where no laser was seen."""
+    if not calibration.data.seen.any():
+        return None
+    errors, x = calibration.errors, calibration.x
+    q = poses_in_view(robot, errors, x, calibration.data, rng)
+    return spot_accuracy(errors, calibration.covariance, x, q if len(q) else calibration.data.q)
+
+
+def spot_sigma(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) -> Matrix:
+    """Predicted error of the spots that come of the parameters' uncertainty alone, without the noise of seeing them.
+
+    Args:
+        errors: Names, order and units of the parameters.
+        covariance: Of the parameters, (p, p).
+        x: Error parameters, (p,), [m] and [rad].
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+
+    Returns:
+        (n, lasers), [m]: root of the expected squared distance; nan where the beam does not meet the screen.
+
+    Raises:
+        ShapeMismatch: covariance, x or q does not fit.
+    """
+    return spread(spot_jacobians(errors, x, q), covariance)
+
+
+@dataclass(frozen=True)
+class SpotAccuracy:
+    """How far off the spots of some poses still are by the parameters' uncertainty alone: quantiles of `spot_sigma` over them.
+
+    Attributes:
+        lasers: Laser links.
+        poses: At how many of the poses each laser's beam meets the screen, (lasers,).
+        median: Of the predicted error of a spot, (lasers,), [m]; nan for a laser that never meets the screen, as below.
+        most: What 95 % of the poses stay under, (lasers,), [m].
+        worst: Of the worst pose, (lasers,), [m].
+    """
+
+    lasers: tuple[str, ...]
+    poses: tuple[int, ...]
+    median: Vector
+    most: Vector
+    worst: Vector
+
+
+def spot_accuracy(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) -> SpotAccuracy:
+    """How far off the spots still are at some poses: those that were measured, or `poses_in_view`.
+
+    Args:
+        errors: Names, order and units of the parameters.
+        covariance: Of the parameters, (p, p).
+        x: Error parameters, (p,), [m] and [rad].
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+
+    Raises:
+        ShapeMismatch: covariance, x or q does not fit.
+    """
+    sigma = spot_sigma(errors, covariance, x, q)
+    own = [column[np.isfinite(column)] for column in sigma.T]
+    levels = np.array([np.quantile(column, (0.5, 0.95, 1.0)) if len(column) else np.full(3, np.nan) for column in own])
+    return SpotAccuracy(_lasers(errors), tuple(len(column) for column in own), *levels.T)
+
+
+def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
+    """Predicted error of a link's pose relative to the base link; see the head of this module for what that means.
+
+    Args:
+        robot: Nominal robot; left unchanged.
+        errors: Names, order and units of the parameters.
+        covariance: Of the parameters, (p, p).
+        x: Error parameters, (p,), [m] and [rad].
+        link: A link that the calibrated joints move; joints of no concern to the calibration stay at neutral.
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+
+    Returns:
+        (n, 2): root of the expected squared position error [m] and rotation error [rad].
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+        ShapeMismatch: covariance, x or q does not fit.
+    """
+    jacobian = tool_jacobian(robot, errors, x, link, q)
+    return np.stack([spread(jacobian[:, :3], covariance), spread(jacobian[:, 3:], covariance)], axis=-1)
+
+
+def spread(jacobian: Array3 | Array4, covariance: Matrix) -> Matrix:
+    """Root of the trace of J P J' for a stack of Jacobians (..., k, p), (...)."""
+    p = jacobian.shape[-1]
+    if covariance.shape != (p, p):
+        raise ShapeMismatch(f"the error model has {p} parameters, their covariance has shape {covariance.shape}")
+    variance = np.sum((jacobian @ covariance) * jacobian, axis=(-2, -1))
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def spot_jacobians(errors: ErrorModel, x: Vector, q: Matrix) -> Array4:
+    """Derivative of every spot by the parameters, (n, lasers, 2, p); nan where a beam does not meet the screen."""
+    model = SpotModel(errors, _all_seen(errors, np.asarray(q, dtype=float)))
+    lengths = model.predict(errors.check(x))[1]
+    n, lasers = lengths.shape
+    jacobian = model.linearise(errors.check(x)).jacobian.reshape(n, lasers, 2, len(errors.names))
+    meets = (lengths > 0) & np.isfinite(lengths)
+    return np.where(meets[..., None, None], jacobian, np.nan)
+
+
+def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Matrix) -> Array3:
+    """Motion [v, w] of a link relative to the base link per parameter, in screen axes at the link's origin, up to a common sign.
+
+    Returns:
+        (n, 6, p); zero for parameters that do not stand between base and link.
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+    """
+    way = tool_way(robot, link)
+    placed, arm = errors.placements(x, errors.sessions[0]), ArmKinematics(robot.chain)
+    positions = arm.chain_positions(q)
+    twists = motion_at(arm, placed, positions).jac1  # at the screen's origin
+    points = way.points(arm.frames(positions), placed, errors.corrected_origins(x))
+    columns = way.columns(errors)
+    jacobian = np.zeros_like(twists)
+    v, w = twists[:, :3, columns], twists[:, 3:, columns]
+    jacobian[:, :3, columns] = v + np.cross(w, points[:, :, None], axis=1)
+    jacobian[:, 3:, columns] = w
+    return jacobian
+
+
+def default_tool(robot: Robot) -> str:
+    """The module, or where the lasers stand still and the screen is carried, the screen."""
+    return robot.rig.module if _first_calibrated(robot, robot.rig.module) is not None else robot.rig.screen
+
+
+def base_link(robot: Robot, link: str) -> str:
+    """The link relative to which the errors of `link` are taken.
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+    """
+    return tool_way(robot, link).joints[0].parent
+
+
+@dataclass(frozen=True)
+class ToolWay:
+    """The way from the base link to a tool.
+
+    Attributes:
+        joints: URDF joints between them, base first; the first one is calibrated.
+        last: How many joints of the chain are passed, counted from the screen, when the last calibrated joint has been walked; for
+            a joint walked backward, before it is.
+        forward: Whether the calibrated joints are walked from parent to child.
+        behind: The joints behind the last one that is calibrated.
+    """
+
+    joints: tuple[UrdfJoint, ...]
+    last: int
+    forward: bool
+    behind: tuple[UrdfJoint, ...]
+
+    def columns(self, errors: ErrorModel) -> list[int]:
+        """The parameters that move the tool against the base."""
+        passed = {joint.name for joint in self.joints}
+        bare = any(way[0].name in passed for way in errors.chain.laser_joints)  # a module that is the moving link is corrected there
+        slots = [slot for slot in errors.slots if not slot.before and (bare if slot.joint is None else slot.joint in passed)]
+        moving = {f"{slot.label}.{name}" for slot in slots for name in slot.names}
+        return [column for column, name in enumerate(errors.names) if name in moving]
+
+    def points(self, frames: Array3, placed: Placements, corrected: dict[str, SE3]) -> Matrix:
+        """Origins of the tool in screen axes, (n, 3), from the frames of all joints on the screen, (3, n, 4 joints)."""
+        behind = product([corrected.get(joint.name, joint.origin) for joint in self.behind])
+        local = behind if self.forward else placed.joints[self.last] * behind
+        frame = frames[:, :, 4 * self.last : 4 * self.last + 4]
+        return np.asarray((frame @ np.append(local.translation, 1.0)).T)
+
+
+def tool_way(robot: Robot, link: str) -> ToolWay:
+    """The way from the base link to a tool.
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+    """
+    path = robot.tree.path_from_root(robot.tree.require_link(link))
+    first = _first_calibrated(robot, link)
+    if first is None:
+        names = [step.joint.name for step in robot.chain.moving]
+        raise RobotError(
+            f"none of the calibrated joints ({', '.join(names)}) moves link '{link}'; choose a link that one of them moves",
+            robot.tree.label,
+        )
+    places = {step.joint.name: place for place, step in enumerate(robot.chain.moving)}
+    deepest = max(index for index, joint in enumerate(path) if joint.name in places)
+    place = places[path[deepest].name]
+    forward = robot.chain.moving[place].forward
+    return ToolWay(tuple(path[first:]), place + 1 if forward else place, forward, tuple(path[deepest + 1 :]))
+
+
+def _first_calibrated(robot: Robot, link: str) -> int | None:
+    """Where the first calibrated joint stands on the way from the root to a link."""
+    calibrated = {step.joint.name for step in robot.chain.moving}
+    return next((index for index, joint in enumerate(robot.tree.path_from_root(link)) if joint.name in calibrated), None)
+
+
+def _all_seen(errors: ErrorModel, q: Matrix) -> Measurements:
+    """Poses at which every beam counts, wherever it falls."""
+    n, lasers = len(q), _lasers(errors)
+    return Measurements(
+        joints=errors.chain.input_names,
+        lasers=lasers,
+        q=q,
+        spots=np.zeros((n, len(lasers), 2)),
+        sigma=np.full((n, len(lasers)), np.nan),
+        poses=np.arange(n).astype(str),
+        sets=np.full(n, "fit"),
+        sessions=np.full(n, errors.sessions[0]),
+    )
+
+
+def _lasers(errors: ErrorModel) -> tuple[str, ...]:
+    return tuple(way[-1].child for way in errors.chain.laser_joints)

@@ -1,0 +1,315 @@
+"""Gravity sag beside geometry: a joint fit of both, and what it gains on poses that it did not see.
+
+The joint fit starts from a geometry-only calibration, of the same poses without the same outliers. Each joint yields to its own
+gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
+stand for is explained now. Terms on request stay only where they raise the log evidence by more than LEAST_GAIN,
+
+    log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det(1 + P0^1/2 J'R^-1 J P0^1/2)] + constant   (Laplace)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.geometry import Vector
+from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
+from urdfcal.calibration.error_table import error_table, main_unit
+from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.result import FitResult
+from urdfcal.estimation.ekf import Belief, Estimate, Linearise, iterated_schedule
+from urdfcal.estimation.evidence import by_evidence
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.model.error_model import ErrorModel, with_softness
+from urdfcal.model.gravity import Gravity, WeighedRobot
+from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.sensors.measurements import Measurements
+
+LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
+FOLDS = 5
+_CONFIGURATIONS = 400
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+_UPWARD = -5.0  # [sigmas] joints that bend upward by more than this, all in all, say that gravity pulls the other way
+_COARSE = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)]  # half of the sphere
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean square distances of poses that were not fitted, by cross-validation.
+
+    Attributes:
+        geometry: With geometry alone, in `unit`.
+        sag: With geometry and sag.
+        folds: How many there were.
+        unit: `mm`, or `deg` or `px` where no length was read.
+        weighed: What is left with sag of the residuals of all kinds of readings, each in units of its own noise.
+    """
+
+    geometry: float
+    sag: float
+    folds: int
+    unit: str
+    weighed: float
+
+    @property
+    def ratio(self) -> float:
+        """What is left of the error with sag."""
+        return self.sag / self.geometry if self.geometry else 1.0
+
+
+@dataclass(frozen=True)
+class SagFit:
+    """A joint fit of geometry and sag.
+
+    Attributes:
+        calibration: The geometry-only calibration that it started from.
+        errors: The error model with the joints' softness.
+        estimate: Of all parameters.
+        gravity: Where down is, and what is carried.
+        gain: Of log evidence over geometry alone.
+        held_out: What it gains on poses that were not fitted; None if that was not asked for.
+        kept: Terms on request that earned their place.
+        dropped: Those that did not.
+        warnings: What the user ought to know.
+    """
+
+    calibration: FitResult
+    errors: ErrorModel
+    estimate: Estimate
+    gravity: Gravity
+    gain: float
+    held_out: HeldOut | None
+    kept: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def softness(self) -> Softness:
+        """How the joints give way."""
+        assert self.errors.soft is not None
+        return self.errors.soft
+
+    @property
+    def soft_values(self) -> dict[str, tuple[float, float]]:
+        """Value and standard deviation of every soft parameter, by name."""
+        sigma = np.sqrt(np.diag(self.estimate.belief.P))
+        column = {name: index for index, name in enumerate(self.errors.names)}
+        return {
+            term.name: (float(self.estimate.belief.x[column[term.name]]), float(sigma[column[term.name]])) for term in self.softness.terms
+        }
+
+    def urdf(self) -> bytes:
+        """The calibrated URDF of the joint fit; of use with its compensation alone."""
+        return with_origins(self.calibration.robot.description, self.errors.corrected_origins(self.estimate.belief.x))
+
+    def compensation(self) -> Compensation:
+        """The deflections, with the calibrated robot that they belong to."""
+        return in_memory(self.calibration.robot, self.urdf(), self.softness, self.soft_values)
+
+    def files(self, urdf_name: str) -> tuple[bytes, bytes]:
+        """URDF and compensation to write, each with the hash of the other; the URDF stands beside the compensation under this name."""
+        return compensation_files(self.urdf(), urdf_name, self.calibration.robot, self.softness, self.gravity, self.soft_values)
+
+
+def fit_sag(
+    calibration: FitResult,
+    gravity: Gravity | None = None,
+    *,
+    extras: Sequence[str] = (),
+    folds: int = FOLDS,
+    compare_directions: bool = True,
+    rng: np.random.Generator | None = None,
+) -> SagFit | None:
+    """Fit geometry and sag together, from a geometry-only calibration.
+
+    Args:
+        calibration: Geometry alone; its poses are fitted again.
+        gravity: Where down is, and what is carried; by default -z of the root link, and nothing.
+        extras: Further terms, of `softness.EXTRAS`; each stays if it raises the log evidence by more than LEAST_GAIN.
+        folds: For the gain on held-out poses; 0 for none.
+        compare_directions: Also try gravity along the root link's other axes, and warn if the data prefer one of them.
+        rng: Draws the folds, and configurations within the joints' range; seeded by default.
+
+    Returns:
+        None where gravity bends nothing.
+    """
+    rng, gravity = rng or np.random.default_rng(0), gravity or Gravity()
+    setup = _Setup(calibration, rng)
+    terms = setup.gravity_terms(gravity)
+    if not terms:
+        return None
+    whole = setup.fit(terms, gravity)
+    kept: list[str] = []
+    for extra in (name for name in EXTRAS if name in extras):
+        tried = setup.fit((*whole.terms, *extra_terms(setup.chain, [extra])), gravity, whole)
+        if tried.log_evidence > whole.log_evidence + LEAST_GAIN:
+            whole = tried
+            kept.append(extra)
+    alone = setup.alone()
+    held_out = setup.held_out(alone, whole, folds, rng) if folds else None
+    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
+    gain = whole.log_evidence - alone.log_evidence
+    dropped = tuple(extra for extra in EXTRAS if extra in extras and extra not in kept)
+    return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """One fit of the poses."""
+
+    errors: ErrorModel
+    estimate: Estimate
+    model: SpotModel
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def log_evidence(self) -> float:
+        return log_evidence(self.model.linearise(self.estimate.belief.x), self.estimate, self.errors)
+
+    @property
+    def bends(self) -> float:
+        """How surely the joints bend the way that gravity pulls them: weighted sum of deflections over its standard deviation, [sigmas]."""
+        own = [self.errors.names.index(term.name) for term in self.terms if term.largest]
+        P = self.estimate.belief.P[np.ix_(own, own)]
+        weights = 1 / np.diag(P)
+        return float(weights @ self.estimate.belief.x[own] / np.sqrt(weights @ P @ weights)) if own else 0.0
+
+
+class _Setup:
+    """What all the fits of one calibration share."""
+
+    def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
+        self.calibration, self.chain = calibration, calibration.robot.chain
+        self.data, self.noise = calibration.data, calibration.estimate.noise
+        lower, upper = joint_limits(calibration.robot)
+        drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
+        self.range = np.vstack([drawn, calibration.data.q])
+
+    def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
+        """Gravity's terms over the joints' range."""
+        return gravity_terms(self.chain, self.weighed(gravity).moments(self.range))
+
+    def weighed(self, gravity: Gravity) -> WeighedRobot:
+        return WeighedRobot(self.calibration.robot, gravity)
+
+    def alone(self) -> _Fitted:
+        """The geometry-only calibration, as if it had been made here."""
+        errors = self.calibration.errors
+        return _Fitted(errors, self.calibration.estimate, model_for(errors, self.data, self.noise))
+
+    def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
+        """Geometry and some terms together."""
+        errors = with_softness(self.calibration.errors, terms, self.weighed(gravity), self.calibration.robot.rig.module)
+        known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
+        known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
+        x = np.array([known.get(name, 0.0) for name in errors.names])
+        model = model_for(errors, self.data, self.noise)
+        first = _run(model.linearise, errors, self.noise, x)
+        chosen = self.calibration.evidence
+        if chosen is not None and first.converged:
+            keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
+            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first, keep)
+            model = model_for(errors, self.data, self.noise)
+        return _Fitted(errors, first, model, terms)
+
+    def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
+        """Each pose predicted by fits that did not see it."""
+        folds = min(folds, len(self.data))
+        if folds < 2:
+            return None
+        noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
+        sums = np.zeros((2, 3))
+        for rows in np.array_split(rng.permutation(len(self.data)), folds):
+            sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
+        geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
+        return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
+
+    def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
+        """A warning if the data prefer another direction of gravity; one and its opposite differ in the signs of all deflections."""
+        root = self.calibration.robot.tree.root
+        gains = {}
+        for axis, direction in _AXES.items():
+            other = replace(gravity, direction=direction)
+            if abs(np.dot(direction, gravity.direction)) < 0.9 and (terms := self.gravity_terms(other)):
+                gains[axis] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
+        best = max(gains, key=lambda axis: gains[axis], default="")
+        if best and gains[best] > LEAST_GAIN:
+            yield (
+                f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gains[best]:+.0f}); "
+                "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
+            )
+        elif whole.bends < _UPWARD:
+            yield f"the joints bend against gravity; does the robot hang from its root link '{root}'? say --gravity X,Y,Z if it does"
+
+
+def estimated_gravity(calibration: FitResult, rng: np.random.Generator | None = None) -> Gravity:
+    """The direction of gravity that makes the data most probable, from a coarse look all round and then downhill.
+
+    Its sign is the one with which most joints bend the way that they are pulled.
+
+    Args:
+        calibration: Geometry alone.
+        rng: Draws configurations within the joints' range; seeded by default.
+    """
+    from scipy.optimize import minimize
+
+    setup = _Setup(calibration, rng or np.random.default_rng(0))
+
+    def fitted(vector: Vector) -> _Fitted | None:
+        gravity = Gravity(_unit(vector))
+        terms = setup.gravity_terms(gravity)
+        return setup.fit(terms, gravity) if terms else None
+
+    def loss(vector: Vector) -> float:
+        found = fitted(vector)
+        return -found.log_evidence if found is not None else np.inf
+
+    start = np.array(min(_COARSE, key=lambda vector: loss(np.array(vector, dtype=float))), dtype=float)
+    best = minimize(loss, start / np.linalg.norm(start), method="Nelder-Mead", options={"xatol": 5e-3, "fatol": 0.1, "maxfev": 80}).x
+    found = fitted(best)
+    return Gravity(_unit(-best if found is not None and found.bends < 0 else best))
+
+
+def _unit(vector: Vector) -> tuple[float, float, float]:
+    x, y, z = (np.asarray(vector) / np.linalg.norm(vector)).tolist()
+    return x, y, z
+
+
+def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
+    """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
+    noise, sigma = estimate.noise, errors.sigma
+    if noise.of_joints:
+        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(here))[1]))
+    else:
+        spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
+    pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
+    J = noise.weights(here).jacobian(here) * sigma  # not the estimate's covariance: that also knows of unsure prior scales
+    volume = float(np.linalg.slogdet(J.T @ J + np.eye(len(sigma)))[1])
+    return -0.5 * (noise.chi_squared(here) + pull + spread + volume)
+
+
+def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:
+    return iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise, start=start)
+
+
+def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, unit: str) -> tuple[float, float, float]:
+    """Some poses under a fit of all others, priors and noise as they are.
+
+    Returns:
+        Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise.
+    """
+    kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
+    noise = replace(fitted.estimate.noise, stated=True)
+    found = _run(model_for(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
+    here = SpotModel(fitted.errors, data.subset(rows)).linearise(found.belief.x)
+    own = [row for row in error_table(here, len(rows)).values() if row.unit == unit]
+    weighed = (here.residual / usual.of_numbers(here))[: len(rows)][here.measured[: len(rows)]]
+    return sum(row.n * (row.mean**2 + row.std**2) for row in own), sum(row.n for row in own), float(weighed @ weighed)

@@ -1,0 +1,283 @@
+"""Does the calibration hold where it was not fitted? Held-out poses, cross-validation, and a warning with its reason.
+
+The warning compares like with like. A fitted pose draws the answer towards itself, so its residual r flatters; with J its whitened
+Jacobian and P the covariance of the parameters, the residual that it would have if it had been left out is
+
+    (I - J P J')^-1 r
+
+(exact for a linear model). The mean squares of these over the calibration poses, and of the whitened residuals over the test poses,
+are compared by an F test against a ratio that still counts as healthy, with degrees of freedom that come from the scatter of the
+poses themselves, so that few test poses do not raise the alarm by chance. What the covariance predicts for the test poses,
+J P J' + R, then tells whether a bad result there is only what such calibration poses must give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.calibration.error_table import SpotTable, error_table, rms_mm
+from urdfcal.calibration.fitting import fit
+from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.result import CrossValidation, FitResult
+from urdfcal.calibration.start.nominal import with_new_places
+from urdfcal.estimation.ekf import Belief, degrees_of_freedom, posterior
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.sensors.measurements import Measurements
+
+Rows = npt.NDArray[np.intp]
+
+MUCH_WORSE = 1.5  # times the RMS of the calibration poses: what is surely beyond that is said
+_BY_CHANCE = 1e-3  # how often poses that are no worse than that may look so
+_UNCOVERED = 0.25  # share of the test poses' range beyond that of the calibration poses that is worth a word
+_LEAST_OVERHANG = {True: 5 * MM, False: 1 * DEG}  # by how much at least, for sliding and for turning joints
+_SEVERAL = 4  # test poses of which one may be singled out
+_NAMED = 3  # joints that are named
+_LEAST_ERROR = 1e-6  # [m]; what is smaller is rounding of a noise-free simulation
+
+
+def holdout(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
+    """Mark poses at random as test poses, the same share of every session.
+
+    Args:
+        data: Measurements, none of them marked yet.
+        share: Of the poses, between 0 and 1; every session keeps at least one pose to fit.
+        rng: Source of randomness.
+
+    Raises:
+        UsageError: the share cannot be taken, or poses are marked already.
+    """
+    if not 0 < share < 1:
+        raise UsageError(f"the share of poses that are held out must lie between 0 and 1, found {share:g}")
+    if (data.sets == "test").any():
+        raise UsageError("the measurements mark test poses in their 'set' column already; hold out no others, or take the column out")
+    sets = data.sets.astype("<U4")  # as wide as "test"
+    for rows in _by_session(data):
+        count = min(round(share * len(rows)), len(rows) - 1)
+        sets[rng.permutation(rows)[: max(count, 0)]] = "test"
+    if not (sets == "test").any():
+        raise UsageError(f"a share of {share:g} of {len(data)} poses is no pose to hold out; ask for more, or measure more poses")
+    return replace(data, sets=sets)
+
+
+def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator, **fit_arguments: Any) -> CrossValidation:
+    """Fit as often as there are folds, each time without one of them, and predict what was left out.
+
+    Args:
+        robot: Nominal robot; left unchanged.
+        data: Measurements; poses marked `test` take no part.
+        folds: How many, from 2 to the number of poses; 2 are two halves, as many as poses leave out one pose at a time.
+        rng: Source of randomness.
+        fit_arguments: Passed to `fit`.
+
+    Raises:
+        UsageError: the folds cannot be made.
+        FitRejected: as `fit`.
+    """
+    if "test" in fit_arguments:
+        raise UsageError("cross-validation has test poses of its own; give it no others")
+    data, _ = data.split()
+    before, after = _Gathered(len(data)), _Gathered(len(data))
+    rms, rejected = [], []
+    for number, held in enumerate(_folds(data, folds, rng), start=1):
+        kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
+        found = fit(robot, kept, **fit_arguments)
+        errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
+        here = SpotModel(errors, out).linearise(x)
+        before.take(found.nominal.linearise(out), held)
+        after.take(here, held)
+        rms.append(rms_mm(error_table(here, len(out))))
+        rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), not data.readings)
+
+
+class _Gathered:
+    """Residuals of every pose, each from the fold that did not see it."""
+
+    def __init__(self, poses: int) -> None:
+        self.poses = poses
+        self.whole: Linearisation | None = None
+
+    def take(self, here: Linearisation, rows: Rows) -> None:
+        """Put the residuals of some poses in their places."""
+        if self.whole is None:
+            blank = np.zeros((self.poses, here.residual.shape[1]))
+            self.whole = replace(here, residual=blank, measured=blank > 0)
+        self.whole.residual[rows], self.whole.measured[rows] = here.residual[: len(rows)], here.measured[: len(rows)]
+
+    def table(self) -> SpotTable:
+        """Distances over all poses."""
+        return error_table(self.whole, self.poses) if self.whole is not None else {}
+
+
+def coverage_warnings(robot: Robot, calibration: FitResult) -> tuple[str, ...]:
+    """Say, if the test poses are much worse than the calibration poses, which joints' range the calibration poses do not cover.
+
+    Args:
+        robot: The robot whose joints the poses are of.
+        calibration: A fit with test poses.
+
+    Returns:
+        One line, or none.
+    """
+    test = calibration.test_data
+    if test is None or calibration.test is None or test.empty:
+        return ()
+    known = {name.rpartition(".")[0] for name in (*calibration.errors.names, *calibration.errors.held)}
+    if any(place.name not in known for place in test.instruments.places):  # they were put where the test poses have them best
+        return ()
+    compared = _compare(calibration, test)
+    if not compared.worse:
+        return ()
+    fitted, tested = rms_mm(calibration.after), rms_mm(calibration.test[1])
+    head = (
+        f"the test poses are {tested / fitted:.1f} times worse than the calibration poses ({tested:.3g} mm RMS against {fitted:.3g} mm), "
+    )
+    expected = compared.predicted_mm > tested / MUCH_WORSE
+    head += "as" if expected else "more than"
+    head += f" the fit's own uncertainty predicts ({compared.predicted_mm:.3g} mm): "
+    if compared.alone:
+        return (f"{head}{compared.alone} alone is to blame; is it an outlier?",)
+    beyond = _uncovered(robot, calibration.data, test)
+    if beyond:
+        return (f"{head}the calibration poses cover {_listed(beyond)}",)
+    reason = (
+        "; poses of other combinations of them would help"
+        if expected
+        else "; look for outliers, a rig that moved, or errors that are not in the model"
+    )
+    return (f"{head}the joints' ranges do not explain it{reason}",)
+
+
+@dataclass(frozen=True)
+class _Comparison:
+    """Whether test poses are much worse, the only pose that is to blame (if it is only one), and what the fit predicts."""
+
+    worse: bool
+    alone: str
+    predicted_mm: float
+
+
+def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
+    errors, noise = calibration.errors, calibration.estimate.noise
+    here = model_for(errors, calibration.data, noise).linearise(calibration.x)
+    there = model_for(errors, test, noise).linearise(calibration.x)
+    prior = Belief.independent(errors.mean, errors.sigma)
+    P = posterior(here, prior, noise)  # every measurement counted once, whatever the estimator's own
+    if not noise.all_stated:
+        noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))
+        P = posterior(here, prior, noise)
+    least = (_LEAST_ERROR / noise.spot_sigma) ** 2
+    left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least, len(calibration.data))
+    tested = _mean_squares(_residuals(there, noise), there, least, len(test))
+    worst = int(np.argmax(tested))
+    alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
+    where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
+    return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / MM)
+
+
+def _residuals(here: Linearisation, noise: Noise) -> Matrix:
+    return noise.weights(here).residual(here).reshape(here.residual.shape)
+
+
+def _left_out_residuals(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
+    """Whitened residual of each pose as if it had been left out of the fit, (n, m)."""
+    J: Array3 = np.reshape(noise.weights(here).jacobian(here), here.jacobian.shape)
+    kept = np.eye(J.shape[1]) * (1 + 1e-9) - (J @ P) @ J.transpose(0, 2, 1)
+    return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(kept), _residuals(here, noise)))
+
+
+def _mean_squares(residuals: Matrix, here: Linearisation, least: float, poses: int) -> Vector:
+    """Mean of the squared residuals of each pose that saw something, (k,); rows of what is known beforehand are no poses."""
+    count = here.measured[:poses].sum(axis=1)
+    squares: Vector = np.sum(residuals[:poses][count > 0] ** 2, axis=1) / count[count > 0]
+    return np.maximum(squares, least)
+
+
+def _predicted_variance(here: Linearisation, noise: Noise, P: Matrix) -> Vector:
+    """Diagonal of J P J' + R for every measured number of the first kind, [m^2]."""
+    variance = noise.of_numbers(here) ** 2 + np.sum((here.jacobian @ P) * here.jacobian, axis=-1)
+    if here.joint_jacobian.shape[-1]:
+        variance = variance + np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
+    return np.asarray(variance[here.measured & (here.kinds == 0)])
+
+
+def _much_worse(tested: Vector, fitted: Vector) -> bool:
+    """Whether the mean of the first sample of squares is more than MUCH_WORSE^2 times that of the second, beyond chance."""
+    ratio = float(tested.mean() / fitted.mean()) / MUCH_WORSE**2
+    if not ratio > 1 or len(tested) < 2 or len(fitted) < 2:
+        return False
+    from scipy.special import fdtrc
+
+    return bool(fdtrc(_freedom(tested), _freedom(fitted), ratio) < _BY_CHANCE)
+
+
+def _freedom(squares: Vector) -> float:
+    """Degrees of freedom of a mean of squares from its own scatter (Satterthwaite), at most four numbers a pose."""
+    n, scatter = len(squares), float(squares.var(ddof=1))
+    largest = 4.0 * n
+    return largest if scatter == 0 else min(2 * n * float(squares.mean()) ** 2 / scatter, largest)
+
+
+@dataclass(frozen=True)
+class _Beyond:
+    """A joint whose range in the test poses goes beyond that in the calibration poses."""
+
+    joint: UrdfJoint
+    fitted: tuple[float, float]
+    tested: tuple[float, float]
+    share: float
+
+    def words(self) -> str:
+        size, unit = (MM, "mm") if self.joint.prismatic else (DEG, "deg")
+        a, b, c, d = (round(end / size) for end in (*self.fitted, *self.tested))
+        return f"{self.joint.name} {a} to {b} {unit}, the test poses {c} to {d} {unit}"
+
+
+def _uncovered(robot: Robot, fitted: Measurements, tested: Measurements) -> list[_Beyond]:
+    """Joints whose range is not covered, worst first."""
+    found = []
+    for joint, column in zip(robot.chain.inputs, range(fitted.q.shape[1]), strict=True):
+        (a, b), (c, d) = (_range(data.q[data.observed, column]) for data in (fitted, tested))
+        overhang = max(a - c, 0.0) + max(d - b, 0.0)
+        if overhang > max(_UNCOVERED * (d - c), _LEAST_OVERHANG[joint.prismatic]):
+            found.append(_Beyond(joint, (a, b), (c, d), overhang / (d - c) if d > c else 1.0))
+    return sorted(found, key=lambda beyond: -beyond.share)
+
+
+def _range(values: Vector) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
+
+
+def _listed(beyond: list[_Beyond]) -> str:
+    text = "; ".join(one.words() for one in beyond[:_NAMED])
+    rest = [one.joint.name for one in beyond[_NAMED:]]
+    return f"{text}; likewise {', '.join(rest)}" if rest else text
+
+
+def _by_session(data: Measurements) -> Iterator[Rows]:
+    """The poses of each session that saw something; those that did not are never test poses."""
+    for session in data.session_names:
+        yield np.flatnonzero((data.sessions == session) & data.observed)
+
+
+def _folds(data: Measurements, folds: int, rng: np.random.Generator) -> list[Rows]:
+    """The poses that each fold holds out: dealt at random, session by session, so that every fold has its share of each."""
+    if not 2 <= folds <= len(data):
+        raise UsageError(f"the number of folds must lie between 2 and the number of poses, {len(data)}; found {folds}")
+    lone = [session for session in data.session_names if np.count_nonzero(data.sessions == session) < 2]
+    if lone:
+        raise UsageError(
+            f"session '{lone[0]}' has a single pose, so its screen is unknown when that pose is held out; leave the session out"
+        )
+    order = np.concatenate([rng.permutation(np.flatnonzero(data.sessions == session)) for session in data.session_names])
+    return [np.sort(order[first::folds]) for first in range(folds)]

@@ -1,0 +1,117 @@
+"""Noise beyond what is stated with each reading.
+
+What a column states is what the sensor knows of itself: how well a camera finds a spot. An arm that does not come back to where it
+was, and what no error model follows, come on top, and no column tells how much. Where readings scatter more than they state, the
+rest is estimated and added to each of them, s_i^2 = stated_i^2 + extra^2, by kind, so that their shares stay: a spot that is seen at
+a slant still counts for less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.estimation.ekf import Belief, posterior
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.sensors.measurements import Measurements, kinds_of
+from urdfcal.sensors.sensor import KINDS
+
+MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
+_STILL = 1e-9  # share of s^2
+_ROUNDS = 20
+_SAME = 0.01  # share of s by which it may be off
+
+
+def without_stated_noise(data: Measurements) -> Measurements:
+    """The same measurements as if none stated its noise."""
+    readings = tuple(replace(each, sigma=np.full_like(each.sigma, np.nan)) for each in data.readings)
+    return replace(data, sigma=np.full_like(data.sigma, np.nan), readings=readings)
+
+
+def extra_noise(fitted: SpotModel, x: Vector, noise: Noise, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+    """What has to be added to the stated noise, by kind, [m], [rad] or [px]: the s that makes chi-squared its degrees of freedom.
+
+    Both change with s, since precise readings draw the fit more. So in turn: residuals and leverages of the linearised fit with the
+    present s, and the s that suits them.
+
+    Args:
+        fitted: Model of what was fitted, without outliers.
+        x: Where it is linearised, (p,).
+        noise: Of the joints, and of readings that state none.
+        data: The measurements with what they state.
+        kinds: Kinds that scatter more than they state.
+    """
+    here, errors = fitted.linearise(x), fitted.errors
+    sigma, prior = SpotModel(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
+    index = {kind: kinds_of(data).index(kind) for kind in kinds}
+    extra = dict.fromkeys(kinds, 0.0)
+    variance = _variance(here, sigma, noise)
+    own = {kind: here.measured[: len(data)] & np.isfinite(variance) & (here.kinds == index[kind]) for kind in kinds}
+    for _ in range(_ROUNDS):
+        last, now = extra, _with_sigma(here, sigma, {index[kind]: s for kind, s in extra.items()})
+        squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, x))
+        extra = {kind: _beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
+        if all(abs(extra[kind] - last[kind]) <= _SAME * extra[kind] for kind in kinds):
+            break
+    return {kind: s for kind, s in extra.items() if s > 0}
+
+
+def _with_sigma(here: Linearisation, sigma: Matrix, extra: Mapping[int, float]) -> Linearisation:
+    """The set with every number's stated noise (n, m) widened by that of its kind."""
+    wider = np.array([extra.get(kind, 0.0) for kind in here.kinds.tolist()])
+    stated = here.stated_sigma.copy()
+    stated[: len(sigma)] = np.hypot(sigma, wider)
+    return replace(here, stated_sigma=stated)
+
+
+def _refitted(here: Linearisation, noise: Noise, prior: Belief, x: Vector) -> tuple[Matrix, Matrix]:
+    """Squared residuals once the linearised set was fitted from x with this noise, and their degrees of freedom 1 - h, both (n, m)."""
+    weights, P = noise.weights(here), posterior(here, prior, noise)
+    H = weights.jacobian(here)
+    gradient = H.T @ weights.residual(here) + (prior.x - x) / np.diag(prior.P)
+    return (here.residual - here.jacobian @ (P @ gradient)) ** 2, 1 - here.leverages(H, P)
+
+
+def _variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
+    """Variance of every number as it is stated with it and as the readings of the joints explain it, (n, m); nan where none is stated."""
+    of_joints = np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
+    return np.asarray(sigma**2 + of_joints)
+
+
+def _beyond(known: Vector, squares: Vector, freedom: float) -> float:
+    """The s with sum(r^2 / (known + s^2)) = freedom; 0 where the sum is not above it anyway.
+
+    The sum falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
+    """
+    if np.sum(squares / known) <= freedom:
+        return 0.0
+    s_squared, step = 0.0, np.inf
+    while step > _STILL * s_squared:
+        weights = 1 / (known + s_squared)
+        step = float((np.sum(squares * weights) - freedom) / np.sum(squares * weights**2))
+        s_squared += step
+    return float(np.sqrt(s_squared))
+
+
+def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:
+    """The measurements with more noise than they state."""
+    if not extra:
+        return data
+    readings = tuple(replace(each, sigma=np.hypot(each.sigma, extra.get(each.kind, 0.0))) for each in data.readings)
+    return replace(data, sigma=np.hypot(data.sigma, extra.get("spot", 0.0)), readings=readings)
+
+
+def in_words(extra: Mapping[str, float]) -> tuple[str, ...]:
+    """A warning for each kind that scatters more than it states."""
+    warnings = []
+    for kind, size in extra.items():
+        warnings.append(
+            f"the {KINDS[kind].several} scatter more than their .sigma columns state: {KINDS[kind].told(size)} were added to "
+            "each in quadrature, as noise that the sensor does not know of"
+        )
+    return tuple(warnings)

@@ -1,0 +1,389 @@
+"""One fit, step by step: a start, the fit without outliers, prior scales chosen by the data, and what all of it says."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar, get_args
+
+import numpy as np
+
+from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.error_table import error_table
+from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
+from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
+from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.result import FitResult, disagreement, few_spots, large_noise, large_scales
+from urdfcal.calibration.start.begin import begin, explains, require_beams_on_screen, require_sane_readings, start_of_pixels, with_scale
+from urdfcal.calibration.start.nominal import NominalFit, nominal_fit, with_new_places
+from urdfcal.estimation.ekf import Belief, Estimate, posterior
+from urdfcal.estimation.estimators import USUAL_Q, USUAL_R, Method
+from urdfcal.estimation.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
+from urdfcal.estimation.identifiability import Identifiability, identify, with_sigmas
+from urdfcal.estimation.noise import Misfit, Noise, misfits
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.robust import degrees, kind_scales, robust_scale, squared_distances
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model, model_warnings
+from urdfcal.model.options import ModelOptions, laid_over
+from urdfcal.model.parameters import Kind, PriorScale, matching
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, in_pixels, kinds_of, require_screen_of_camera
+from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
+
+Result = TypeVar("Result", bound=FitResult)
+_ANY = 3.0  # degrees of freedom that tell at least whether there is more
+
+
+def fit(
+    robot: Robot,
+    data: Measurements,
+    *,
+    estimator: str = "ekf",
+    schedule: str = "iterated",
+    options: ModelOptions | None = None,
+    error_model: str | None = None,
+    estimate: Sequence[str] = (),
+    fix: Sequence[str] = (),
+    only: Sequence[str] = (),
+    priors: Mapping[Kind, PriorScale] | None = None,
+    spot_sigma: float | None = None,
+    sigmas: Mapping[str, float] | None = None,
+    joint_sigma: float | Vector = 0.0,
+    tolerance: float | None = None,
+    max_sweeps: int | None = None,
+    q: float = USUAL_Q,
+    r: float = USUAL_R,
+    gated: bool = True,
+    evidence: bool = True,
+    sane: bool = True,
+    rng: np.random.Generator | None = None,
+    test: Measurements | None = None,
+) -> FitResult:
+    """Calibrate a robot from laser spots, points, poses, distances, touches, pixels, or all of them together.
+
+    Poses marked `test` in the data are not fitted but evaluated.
+
+    Args:
+        robot: Nominal robot; left unchanged.
+        data: Joint positions, and what was read at them.
+        estimator: `ekf`, `lse` (Levenberg-Marquardt), `robust` (Student's t) or `evolution` (differential evolution, polished).
+        schedule: Of the EKF: `iterated` (maximum a posteriori, honest covariance) or `paper` (sweeps with Q and R).
+        options: What is to be calibrated; the arguments below are laid over it.
+        error_model: `auto`, `dh`, `hayati`, `placement` or `offset`.
+        estimate: Additions: `screen`, `beams` or `beams4`.
+        fix: Patterns of parameters that are held.
+        only: Patterns; every other parameter is held.
+        priors: Standard deviations by group: `joint`, `mount`, `screen`, `beam`, `reference`, `target`, `place`, `camera`.
+        spot_sigma: Noise of a spot coordinate, [m]; estimated from the residual if None.
+        sigmas: The same of other readings by kind: `point`, `orientation`, `distance`, `plane`, `socket`, `pixel`; [m], [rad] or [px].
+        joint_sigma: Noise of a joint reading, [rad], one number for all turning joints or one a joint, (inputs,).
+        tolerance: When to stop: for `iterated` in posterior standard deviations, for `paper` the norm of the change in m and rad.
+        max_sweeps: How many sweeps are allowed.
+        q: Q = q I of the `paper` schedule, per sweep, [m^2] and [rad^2].
+        r: R = r I of the `paper` schedule, [m^2].
+        gated: Take out spots that the fit cannot explain, exchange beams that were read for each other, and refit (not for `robust`
+            and the `paper` schedule).
+        evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence, where the joints' priors are not
+            stated and there are at least 20 poses (not for `robust` and the `paper` schedule).
+        sane: Refuse measurements that a common mistake explains far better (swapped lasers, degrees as radians, a sign flipped ...).
+        rng: For `evolution`; seeded by default.
+        test: Further poses to evaluate.
+
+    Raises:
+        UsageError: an option means nothing here.
+        ShapeMismatch: the data belong to another robot.
+        FitRejected: a common mistake explains the data far better, or a beam that was seen does not meet the screen in the model.
+    """
+    _require_types(robot, data, priors)
+    method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
+    robot = as_measured(robot, data)
+    _require_same_robot(robot, data)
+    require_screen_of_camera(data)
+    options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
+    fit_set, test_set = fit_and_test(data, test)
+    stated = stated_noise(fit_set, spot_sigma, sigmas)
+    sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
+    task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
+    found = task.fitted(fit_set) if method.as_published else fitted_beyond_columns(task, fit_set)
+    found = replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise)))
+    return found if test_set is None else with_test(found, test_set)
+
+
+def with_test(calibration: Result, test: Measurements) -> Result:
+    """The same calibration with the distances of test poses.
+
+    Raises:
+        UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown, or was measured with
+            other instruments.
+    """
+    unknown = set(test.session_names) - set(calibration.errors.sessions)
+    if unknown:
+        raise UsageError(
+            f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
+        )
+    _require_same_instruments(calibration, test)
+    test = widened(test, calibration.extra_noise)
+    noise = calibration.estimate.noise
+    test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
+    model, outliers = without_gross_outliers(model_for(test_errors, test, noise), calibration.estimate)
+    tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
+    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+
+
+def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> None:
+    """Refuse what is easily taken for another, before it fails somewhere deep.
+
+    Raises:
+        UsageError: says what was expected.
+    """
+    if not isinstance(robot, Robot):
+        raise UsageError(f"fit: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
+    if not isinstance(data, Measurements):
+        raise UsageError(f"fit: expected Measurements, as read_measurements gives them, found {type(data).__name__}")
+    for group, scale in (priors or {}).items():
+        if group not in get_args(Kind):
+            raise UsageError(f"priors: {no_such('group', str(group), get_args(Kind))}")
+        if not isinstance(scale, PriorScale):
+            raise UsageError(f"priors: expected a PriorScale for '{group}', found {type(scale).__name__}")
+
+
+def _require_same_robot(robot: Robot, data: Measurements) -> None:
+    if data.joints != robot.chain.input_names or data.lasers != robot.rig.lasers:
+        raise ShapeMismatch(
+            f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "
+            f"the robot has {', '.join(robot.chain.input_names)} and {', '.join(robot.rig.lasers)}"
+        )
+
+
+def _require_same_instruments(calibration: FitResult, test: Measurements) -> None:
+    """Refuse test poses that were measured with something that the fit knows nothing of.
+
+    Raises:
+        UsageError: names it.
+    """
+    known = {frame.name for frame in calibration.errors.chain.frames}
+    strange = [target.name for target in test.instruments.targets if target.name not in known]
+    fitted = calibration.data
+    pixels = [any(data.of_laser(each) for each in data.readings) for data in (test, fitted)]
+    if test.joints != fitted.joints or test.lasers != fitted.lasers or pixels == [True, False]:
+        strange = strange or ["other joints or lasers"]
+    if strange:
+        raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """What is to be fitted, and how: the arguments of `calibration.fit` once they were looked at.
+
+    Attributes:
+        robot: The nominal robot, as it was measured.
+        method: Which estimator, and how far it goes.
+        options: What is to be calibrated.
+        sessions: Of all poses, those included that are only tested.
+        stated: Noise that is stated by kind of reading, [m], [rad] or [px].
+        joint_sigma: Noise of every joint reading, (inputs,), [rad] or [m].
+        evidence: Whether the data may choose the scales of the joints' priors.
+        sane: Whether data with a common mistake in them are refused.
+    """
+
+    robot: Robot
+    method: Method
+    options: ModelOptions
+    sessions: tuple[str, ...]
+    stated: Mapping[str, float]
+    joint_sigma: Vector
+    evidence: bool
+    sane: bool
+
+    def fitted(self, data: Measurements) -> FitResult:
+        """What some measurements say.
+
+        Raises:
+            FitRejected: a common mistake explains them far better, or a beam that was seen does not meet the screen in the model.
+        """
+        errors, no_scale = with_scale(build_error_model(self.robot.chain, self.robot.rig, self.options, self.sessions), data)
+        noise = noise_of(data, self.stated, self.joint_sigma)
+        nominal = nominal_fit(errors, data, noise)
+        first = self._first(nominal, data, noise)
+        if self.sane and not self.method.as_published:
+            require_sane_readings(errors, first.model, first.found, noise)
+        clean = first.without_outliers(noise)
+        scaled = self._scaled(first, clean, noise)
+        return self._result(nominal, first, clean, scaled, tuple(filter(None, (no_scale, first.message))))
+
+    def _first(self, nominal: NominalFit, data: Measurements, noise: Noise) -> _First:
+        """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
+        errors = nominal.errors
+        start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
+        first = _first_fit(replace(self.method, start=start), model_for(errors, data, noise), nominal.x, noise)
+        if not data.seen.any() or self.method.as_published or explains(first.model, first.found, noise):
+            return first
+        begun = begin(first.model, noise, self.sane)
+        return _first_fit(replace(self.method, start=begun.x), model_for(begun.errors, data, noise), begun.x, noise, begun.message)
+
+    def _scaled(self, first: _First, clean: CleanFit, noise: Noise) -> _Scaled:
+        """Refit with the joints' prior scales chosen by evidence; priors that were stated, also for single parameters, stay."""
+        errors, found, method = first.model.errors, clean.estimate, first.method
+        wanted = self.evidence and method.shrinks and "joint" not in self.options.priors and found.converged
+        if not wanted or len(clean.model.data) < LEAST_POSES or not any(parameter.kind == "joint" for parameter in errors.parameters):
+            return _Scaled(errors, found)
+        single = self.options.single.items()
+        stated = [name for pattern, said in single if said.sigma is not None for name in matching(errors.parameters, pattern)]
+        errors, refitted, chosen = by_evidence(clean.model.linearise, errors, noise, found, stated)
+        if method.estimator != "ekf":
+            again = replace(method, start=refitted.belief.x)
+            refitted = again.run(clean.model, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
+            belief = Belief(refitted.belief.x, with_unsure_scales(errors, chosen.groups, refitted.belief))
+            refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
+        return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
+
+    def _result(self, nominal: NominalFit, first: _First, clean: CleanFit, scaled: _Scaled, said: tuple[str, ...]) -> FitResult:
+        errors, found, data = scaled.errors, scaled.found, clean.model.data
+        here = clean.model.linearise(found.belief.x)
+        plain = posterior(here, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
+        freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
+        result = FitResult(
+            robot=self.robot,
+            errors=errors,
+            estimate=found,
+            identifiability=_decided(here, found, first.model.errors, scaled.evidence),
+            before=nominal.table(data),
+            nominal=nominal,
+            freedom=freedom,
+            outliers=clean.outliers,
+            evidence=scaled.evidence,
+            after=error_table(here, len(data)),
+            test=None,
+            chi_squared=_misfit(self.method, found.noise, here, freedom),
+            data=data,
+            test_data=None,
+            estimator=self.method.label,
+            error_model=self.options.error_model,
+            warnings=(
+                *model_warnings(self.robot, errors, self.options),
+                *said,
+                *few_spots(data, found.noise, freedom),
+                *large_scales(scaled.evidence),
+            ),
+            misfits=dict(zip(kinds_of(data), _misfits(self.method, found.noise, here, plain), strict=True)),
+        )
+        return replace(result, warnings=(*result.warnings, *disagreement(result), *large_noise(result)))
+
+
+@dataclass(frozen=True)
+class _First:
+    """A fit of everything that was measured.
+
+    Attributes:
+        method: Which estimator, and where it begins.
+        model: Of all measurements.
+        x: Where beams are looked at if the fit cannot take a step, (p,).
+        prior: Before the data.
+        found: The fit.
+        message: What had to be done for it, in words.
+    """
+
+    method: Method
+    model: SpotModel
+    x: Vector
+    prior: Belief
+    found: Estimate
+    message: str = ""
+
+    def without_outliers(self, noise: Noise) -> CleanFit:
+        """The same without what it cannot explain, if the method tells outliers apart.
+
+        Raises:
+            FitRejected: a beam that was seen does not meet the screen in the model.
+        """
+        if self.method.gates:
+            clean = fit_without_outliers(self.method, self.model, self.prior, noise, self.found)
+        else:
+            clean = CleanFit(self.model, self.found)
+        if len(clean.estimate.history) == 1:
+            require_beams_on_screen(self.model, self.x)
+        return clean
+
+
+def _first_fit(method: Method, model: SpotModel, x: Vector, noise: Noise, message: str = "") -> _First:
+    prior = Belief.independent(model.errors.mean, model.errors.sigma)
+    return _First(method, model, x, prior, method.run(model, prior, noise), message)
+
+
+@dataclass(frozen=True)
+class _Scaled:
+    """The last fit.
+
+    Attributes:
+        errors: The error model, with the priors that the data chose.
+        found: The fit.
+        evidence: What the data chose; None if they were not asked.
+    """
+
+    errors: ErrorModel
+    found: Estimate
+    evidence: Evidence | None = None
+
+
+def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:
+    """What the data decided, judged against the priors that were stated: scales that the data chose hold more still.
+
+    Sigmas of combinations are those of the estimate.
+    """
+    belief = found.belief
+    if chosen is None:
+        return identify(stated.names, belief.x, belief.P, stated.sigma)
+    P = posterior(here, Belief.independent(stated.mean, stated.sigma), found.noise)
+    return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
+
+
+def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
+    """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
+    if method.estimator == "robust":
+        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2 * here.count / max(freedom, 1.0)
+    return noise.chi_squared(here) / max(freedom, 1.0)
+
+
+def _misfits(method: Method, noise: Noise, here: Linearisation, P: Matrix) -> tuple[Misfit, ...]:
+    """The same of every kind of reading."""
+    found = misfits(here, noise, P)
+    if method.estimator != "robust":
+        return found
+    scales = kind_scales(here, squared_distances(here, noise)).tolist()
+    return tuple(
+        replace(own, chi_squared=scale**2 * count / max(own.freedom, 1.0))
+        for own, scale, count in zip(found, scales, here.counts.tolist(), strict=True)
+    )
+
+
+def fitted_beyond_columns(task: FitTask, data: Measurements) -> FitResult:
+    """A fit of measurements of which some may state their noise; where they scatter more, what is beyond is estimated and added.
+
+    That is found out with the filter, whatever the estimator, from a fit that knows nothing of the columns: it looks for mistakes, too.
+    """
+    if not stating_kinds(data):
+        return task.fitted(data)
+    quick = replace(task, method=Method(gated=task.method.gates), evidence=False)
+    loosely = quick.fitted(without_stated_noise(data))
+    task, quick = replace(task, sane=False), replace(quick, sane=False)
+    kinds = _scattering(quick.fitted(data))
+    extra = _extra_at(loosely, data, kinds)
+    if extra:  # once more where outliers are told apart by the right noise
+        extra = _extra_at(quick.fitted(widened(data, extra)), data, kinds) or extra
+    return replace(task.fitted(widened(data, extra)), extra_noise=extra)
+
+
+def _scattering(found: FitResult) -> list[str]:
+    """Kinds of readings that seem to scatter more than they state."""
+    return [
+        kind for kind in found.kinds if kind in found.stating and found.misfits[kind].sigmas > MORE and found.misfits[kind].freedom > _ANY
+    ]
+
+
+def _extra_at(found: FitResult, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+    noise = found.estimate.noise
+    if not kinds or not found.converged:
+        return {}
+    return extra_noise(model_for(found.errors, found.data, noise), found.x, noise, data, kinds)

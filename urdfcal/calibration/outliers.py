@@ -1,0 +1,173 @@
+"""Observations that a fit cannot explain: told apart, left out or mended, and named.
+
+`robust.py` says which they are; here they become words, and the measurements are fitted again without them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from urdfcal.base.geometry import MM, Mask, Vector
+from urdfcal.calibration.problem import SpotModel
+from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.estimators import Method, observations_of
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.robust import beyond_belief, gate, inside
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.sensor import UNITS
+
+_NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """An observation that was left out.
+
+    Attributes:
+        pose: Label of the pose, with the file's line where there is one.
+        laser: Laser link, or target.
+        distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen,
+            or where it is no length.
+        reason: Why it was left out, in words.
+    """
+
+    pose: str
+    laser: str
+    distance_mm: float | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class CleanFit:
+    """A fit without outliers.
+
+    Attributes:
+        model: Of the data that were kept.
+        estimate: The fit of those.
+        outliers: What was left out or mended.
+    """
+
+    model: SpotModel
+    estimate: Estimate
+    outliers: tuple[Outlier, ...] = ()
+
+
+def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
+    """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
+
+    The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables.
+
+    Args:
+        method: How to fit again.
+        model: Of all the data.
+        prior: Before the data.
+        noise: As stated, or where to start.
+        first: Fit of all the data.
+    """
+    clean, kept = _told_apart(method, model, prior, noise, first)
+    if kept is None:
+        return CleanFit(model, clean)
+    mended, swaps = _unswapped(model, clean)
+    if swaps:
+        model = SpotModel(model.errors, mended, model.joints)
+        first = method.run(model, prior, noise)
+        clean, kept = _told_apart(method, model, prior, noise, first)
+    if kept is None:
+        return CleanFit(model, clean, swaps)
+    history = clean.history if clean is first else [*first.history, *clean.history[1:]]
+    return CleanFit(_of_kept(model, kept), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
+
+
+def without_gross_outliers(model: SpotModel, found: Estimate) -> tuple[SpotModel, tuple[Outlier, ...]]:
+    """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
+
+    A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
+
+    Args:
+        model: Of poses that were not fitted.
+        found: The fit.
+    """
+    if len(found.belief.x) != len(model.errors.names):
+        return model, ()
+    out = beyond_belief(observations_of(model), found)
+    return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
+
+
+def _of_kept(model: SpotModel, kept: Mask) -> SpotModel:
+    """The model as if the others, (n, blocks), had not been measured."""
+    data, lasers = model.data, len(model.data.lasers)
+    kept = kept[: len(data)]
+    spots = np.where(kept[:, :lasers, None], data.spots, np.nan)
+    columns = {(each.data.kind, each.data.target): own for each, own in zip(model.readings, kept[:, lasers:].T, strict=True)}
+    readings = tuple(each.without(~columns[each.kind, each.target]) for each in data.readings)
+    return SpotModel(model.errors, replace(data, spots=spots, readings=readings), model.joints)
+
+
+def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
+    """A fit without outliers, and which observations are none, (n, blocks); None if none is."""
+    spots = observations_of(model)
+    if method.estimator != "robust":
+        return gate(spots, prior, noise, first, begin=method.start, **method.limits())
+    if not first.converged:
+        return first, None
+    kept = inside(spots, prior, first)
+    return first, None if kept.all() or spots.too_few(kept) else kept
+
+
+def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
+    """The measurements with beams exchanged that were read for each other."""
+    data, predicted = model.data, model.predict(clean.belief.x)[0]
+    spots, sigma, swaps = data.spots.copy(), data.sigma.copy(), []
+    for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
+        for each in (spots, sigma):
+            each[pose, [one, other]] = each[pose, [other, one]]
+        words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
+        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
+    return replace(data, spots=spots, sigma=sigma), tuple(swaps)
+
+
+def _left_out(model: SpotModel, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
+    data, observed = model.data, observations_of(model)
+    lost, here, outliers = observed.missed(clean.belief.x), model.linearise(clean.belief.x), []
+    for pose, index in np.argwhere(observed.seen & ~kept).tolist():
+        if pose >= len(data):
+            continue
+        block = model.blocks[index]
+        words, away = "its beam does not meet the screen in the model; is a joint's reading wrong?", None
+        if not lost[pose, index]:
+            size = UNITS[block.unit]
+            away = float(np.linalg.norm(here.residual[pose, block.columns])) / size
+            others = "the other spots" if index < len(data.lasers) else "the other readings"
+            words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
+        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
+    return tuple(outliers)
+
+
+def _distance_mm(data: Measurements, predicted: Vector, pose: int, laser: int) -> float:
+    return float(np.linalg.norm(predicted[pose, laser] - data.spots[pose, laser]) / MM)
+
+
+def swapped_poses(data: Measurements, spots: Any, inside_mm: float) -> list[tuple[int, int, int]]:
+    """Poses at which two beams were read for each other: each measured spot lies at the other's predicted place.
+
+    Args:
+        data: Measurements.
+        spots: Predicted spots, (n, lasers, 2), [m].
+        inside_mm: How near counts as at the place, [mm].
+
+    Returns:
+        (pose, laser, laser) for each.
+    """
+    found = []
+    lasers = len(data.lasers)
+    for one in range(lasers):
+        for other in range(one + 1, lasers):
+            own = [np.linalg.norm(data.spots[:, k] - spots[:, k], axis=-1) / MM for k in (one, other)]
+            crossed = [np.linalg.norm(data.spots[:, k] - spots[:, j], axis=-1) / MM for k, j in ((one, other), (other, one))]
+            with np.errstate(invalid="ignore"):
+                swapped = (np.minimum(*own) > inside_mm) & (np.maximum(*crossed) < inside_mm)
+            found += [(int(pose), one, other) for pose in np.flatnonzero(swapped)]
+    return found

@@ -1,0 +1,112 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.spots import makes_spot, spots_on_screen
+
+_BATCH, _MOST_BATCHES = 4096, 50  # random positions drawn at a time, and how often
+_DRAWN, _MOST_DRAWS, _LEAST_SHARE = 4096, 500_000, 0.005
+_LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
+
+
+def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurements, rng: np.random.Generator, poses: int = 500) -> Matrix:
+    """Random joint positions within the limits at which the robot with errors x puts every beam where the camera has seen spots.
+
+    Args:
+        robot: Nominal robot.
+        errors: Names, order and units of the parameters.
+        x: Error parameters, (p,), [m] and [rad].
+        seen: Measurements; the rectangle around their spots is the screen.
+        rng: Source of randomness.
+        poses: How many are wanted.
+
+    Returns:
+        (poses, inputs), [rad] or [m]; fewer rows, or none, where such positions are too rare to be found.
+    """
+    arm, placed = ArmKinematics(robot.chain), errors.placements(errors.check(x), errors.sessions[0]).still()
+    (lower, upper), found = joint_limits(robot), np.empty((0, len(robot.chain.inputs)))
+    corners = np.nanmin(seen.spots, axis=(0, 1)), np.nanmax(seen.spots, axis=(0, 1))
+    for _ in range(_MOST_BATCHES):
+        q = rng.uniform(lower, upper, (_BATCH, len(lower)))
+        motion = motion_at(arm, placed, arm.chain_positions(q))
+        spots, length = spots_on_screen(motion.source, motion.direction)
+        inside = ((spots >= corners[0]) & (spots <= corners[1])).all(axis=-1) & makes_spot(length, motion.direction)
+        found = np.vstack([found, q[inside.all(axis=1)]])
+        if len(found) >= poses:
+            break
+    return found[:poses]
+
+
+@dataclass(frozen=True)
+class ScreenArea:
+    """The part of the screen plane that is there.
+
+    Attributes:
+        size: Side of the square, [m].
+        centre: (y, z) of its middle, [m].
+    """
+
+    size: float = 3.0
+    centre: tuple[float, float] = (0.0, 0.0)
+
+
+def draw_poses(
+    robot: Robot,
+    errors: ErrorModel,
+    x: Vector,
+    poses: int,
+    rng: np.random.Generator,
+    *,
+    area: ScreenArea | None = None,
+    limits: Matrix | None = None,
+) -> Matrix:
+    """Random joint positions at which every beam of the robot with errors x makes a spot on the screen.
+
+    Args:
+        robot: Nominal robot.
+        errors: Error model of the truth.
+        x: The truth, (p,).
+        poses: How many.
+        rng: Source of randomness.
+        area: The screen.
+        limits: Lower and upper limit of each measured joint, (2, inputs); by default the URDF's, and half a turn either way
+            for a continuous joint.
+
+    Returns:
+        (poses, inputs), [rad] or [m].
+
+    Raises:
+        UsageError: such positions are too rare.
+    """
+    arm = ArmKinematics(robot.chain, errors.soft.bends if errors.soft is not None else ())
+    placed, where = errors.placements(x).still(), area or ScreenArea()
+    lower, upper = joint_limits(robot) if limits is None else limits
+    found, drawn = np.empty((0, len(lower))), 0
+    most = max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
+    while len(found) < poses and drawn < most:
+        q = rng.uniform(lower, upper, (_DRAWN, len(lower)))
+        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(x, q))
+        found, drawn = np.vstack([found, q[_on_screen(motion.source, motion.direction, where)]]), drawn + _DRAWN
+    if len(found) < poses:
+        raise UsageError(
+            f"only {len(found)} of {drawn} random poses put every beam on the screen, {poses} were asked for; "
+            "move the screen or the module, or make the screen larger"
+        )
+    return found[:poses]
+
+
+def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Mask:
+    spots, length = spots_on_screen(source, direction)
+    inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1)
+    return np.asarray((inside & makes_spot(length, direction, nearest=_LEAST_LENGTH)).all(axis=1))

@@ -1,0 +1,327 @@
+"""Where measuring frames stand, where targets sit on their links, and where shared places are: found from nothing.
+
+The joints are taken to be nominal; each frame, offset and place then follows from what was measured of it (`closed_form.py`). Targets
+that tell most come first, and what needs a frame that another target gives comes after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.rotations import matrices
+from urdfcal.calibration.problem import seen_motion
+from urdfcal.calibration.start.closed_form import (
+    camera_before,
+    common_point,
+    nearest_rotation,
+    plane_through,
+    point_and_frame,
+    robot_world_hand_eye,
+    umeyama,
+    wire_end,
+)
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.parameters import DEFAULT_PRIORS, INSTRUMENTS, PriorScale
+from urdfcal.model.slots import Slot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.readings import Readings
+
+Rows = npt.NDArray[np.intp]
+
+_LEAST_POINTS, _LEAST_PIXELS = 3, 4
+
+
+@dataclass
+class _Known:
+    """What has been found so far."""
+
+    frames: dict[str, SE3]
+    offsets: dict[str, SE3]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A target at the poses of one session: nominal link placements in the reference link, and what was measured.
+
+    Attributes:
+        R, b: Axes (n, 3, 3) and origin (n, 3) of its link.
+        a: Measured points, (n, 3); with axes beside them some or all of the numbers may be nan.
+        A: Measured axes, (n, 3, 3); None if only points were seen.
+    """
+
+    target: str
+    session: str
+    R: Array3
+    b: Matrix
+    a: Matrix
+    A: Array3 | None
+
+    @property
+    def whole(self) -> bool:
+        """Whether all three numbers of every point were read."""
+        return not np.isnan(self.a).any()
+
+
+def instruments_alone(errors: ErrorModel) -> ErrorModel:
+    """The error model of a robot that is taken for right: measuring frames, targets and places are free, nothing else."""
+    free = tuple(parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS)
+    own = tuple(f"{slot.label}." for slot in errors.slots if slot.frame is not None)
+    return replace(errors, parameters=free, held={name: value for name, value in errors.held.items() if name.startswith(own)}, carried={})
+
+
+def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
+    """The same error model with its measuring frames, targets and places put where the nominal robot has them.
+
+    What is held, or has a prior of its own, stays where it is stated.
+
+    Args:
+        errors: Error model of the robot as it was measured.
+        data: The measurements.
+
+    Raises:
+        UsageError: a plane was touched less than three times, or no socket twice.
+    """
+    free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
+    known = _Known({}, {})
+    for slot in errors.slots:
+        if slot.kind == "target" and slot.label not in free:
+            known.offsets[slot.label] = pin.SE3.Identity()
+    reference = next((slot for slot in errors.slots if slot.kind == "reference"), None)
+    for session in errors.sessions:
+        if reference is None or reference.label not in free:
+            known.frames[session] = pin.SE3.Identity()
+    seen = sorted(_views(errors, data), key=lambda view: (not view.whole, view.A is None, -len(view.b)))
+    for view in [*seen, *seen]:  # the second time for what needed something that was found later
+        _place(view, known)
+    _place_cameras(errors, data, known)
+    _place_sockets(errors, data, known)
+    slots = tuple(_found(slot, known, errors.sessions) if slot.label in free else slot for slot in errors.slots)
+    return with_places(replace(errors, slots=slots), data)
+
+
+def _open(errors: ErrorModel, slot: Slot) -> bool:
+    """Whether all of an instrument's placement is free, and nothing is stated of it."""
+    own = {f"{slot.label}.{name}" for name in slot.names}
+    usual: PriorScale = DEFAULT_PRIORS[slot.kind]
+    free = [parameter for parameter in errors.parameters if parameter.name in own]
+    return len(free) == len(own) and all(not parameter.mean and parameter.sigma >= usual.sigma(parameter.unit) for parameter in free)
+
+
+def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
+    """The slot where it was found; a session that says nothing of its own frame begins where another's stands."""
+    if slot.kind == "reference":
+        first = next(iter(known.frames.values()), None)
+        return replace(slot, found={session: known.frames.get(session, first) for session in sessions if first is not None})
+    placement = known.offsets.get(slot.label, pin.SE3.Identity())
+    return replace(slot, found=dict.fromkeys(sessions, placement))
+
+
+def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
+    by_target: dict[str, dict[str, Readings]] = {}
+    for each in data.readings:
+        by_target.setdefault(each.target, {})[each.kind] = each
+    yield from _boards(errors, data)
+    for target, kinds in by_target.items():
+        points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
+        whole = ~np.isnan(points).any(axis=1)
+        if axes is not None and (whole & axes.seen).sum() >= _LEAST_POINTS:
+            whole &= axes.seen
+        elif axes is not None and whole.sum() < _LEAST_POINTS:
+            whole = axes.seen
+        else:
+            axes = None
+        for session in errors.sessions:
+            rows = np.flatnonzero(whole & (_of_session(errors, data.sessions, session)))
+            if len(rows) >= _LEAST_POINTS:
+                R, b = _nominal(errors, data.q[rows], target, session)
+                yield _Seen(target, session, R, b, points[rows], None if axes is None else matrices(axes.values[rows]))
+
+
+def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
+    """Boards in pictures, each picture with enough corners as a whole pose of the board in the camera."""
+    if not data.boards:
+        return
+    import cv2
+
+    for board, grid in data.boards.items():
+        corners = [each for each in data.readings if each.link == board and each.kind == "pixel"]
+        seen = np.array([each.seen for each in corners]).reshape(len(corners), len(data))
+        grid_points = np.array([grid.at(int(each.target.partition(":")[2])) for each in corners])
+        for session in errors.sessions:
+            own = _of_session(errors, data.sessions, session)
+            rows, placements = [], []
+            for pose in np.flatnonzero(own & (seen.sum(axis=0) >= _LEAST_PIXELS)):
+                rays = data.camera.rays(np.array([each.values[pose] for each, there in zip(corners, seen[:, pose], strict=True) if there]))
+                found, turn, shift = cv2.solvePnP(
+                    grid_points[seen[:, pose]], np.ascontiguousarray(rays[:, :2] / rays[:, 2:]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+                )
+                if found and np.isfinite(turn).all() and np.isfinite(shift).all():
+                    rows.append(pose)
+                    placements.append(pin.SE3(pin.exp3(turn.ravel()), shift.ravel()))
+            if len(rows) >= _LEAST_POINTS:
+                R, b = _nominal(errors, data.q[rows], corners[0].target, session)
+                b = b - R @ grid_points[0]  # of the link, not of the corner
+                a, A = np.array([each.translation for each in placements]), np.array([each.rotation for each in placements])
+                yield _Seen(board, session, R, b, a, A)
+
+
+def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
+    """Which poses belong to a session; all of them where there is only one."""
+    return np.asarray((sessions == session) | (len(errors.sessions) == 1))
+
+
+def _points_of(kinds: Mapping[str, Readings], poses: int) -> Matrix:
+    """The points of a target, (n, 3); nan where there are none."""
+    return kinds["point"].values if "point" in kinds else np.full((poses, 3), np.nan)
+
+
+def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
+    """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
+    arm = ArmKinematics(errors.chain)
+    placed = errors.placements(errors.mean, session).still()
+    motion = motion_at(arm, placed, arm.chain_positions(q), joints=True)
+    index = [frame.name for frame in errors.chain.frames].index(target, 1)
+    origin, axes, _, _ = seen_motion(errors, motion, placed, index)
+    return axes, origin
+
+
+def _place(view: _Seen, known: _Known) -> None:
+    """Find whatever this view can tell: frame and offset, or one where the other is known."""
+    Y, X = known.frames.get(view.session), known.offsets.get(view.target)
+    if Y is not None and X is not None:
+        return
+    if view.A is not None and X is None and Y is None:
+        known.frames[view.session], known.offsets[view.target] = robot_world_hand_eye(view.R, view.b, view.A, view.a)
+    elif X is None and Y is None:
+        known.frames[view.session], offset = point_and_frame(view.R, view.b, view.a)
+        known.offsets[view.target] = pin.SE3(np.eye(3), offset)
+    elif X is None:
+        known.offsets[view.target] = _offset(view, Y)
+    else:
+        known.frames[view.session] = _frame(view, X)
+
+
+def _offset(view: _Seen, Y: SE3) -> SE3:
+    """X for a known Y: R_Y' R_i x = a_i - R_Y' (b_i - y) of what was read of a_i, and the mean of R_i' R_Y A_i."""
+    read = ~np.isnan(view.a).ravel()
+    left, right = (Y.rotation.T @ view.R).reshape(-1, 3), (view.a - (view.b - Y.translation) @ Y.rotation).ravel()
+    offset = np.linalg.lstsq(left[read], right[read], rcond=1e-9)[0]
+    back = view.R.transpose(0, 2, 1)
+    rotation = np.eye(3) if view.A is None else nearest_rotation((back @ (Y.rotation @ view.A)).mean(axis=0))
+    return pin.SE3(rotation, offset)
+
+
+def _frame(view: _Seen, X: SE3) -> SE3:
+    """Y for a known X: from the points or, where numbers of theirs are missing, with the mean of R_i R_X A_i'."""
+    there = view.b + view.R @ X.translation
+    if view.A is None or view.whole:
+        return umeyama(view.a, there)
+    R_Y = nearest_rotation((view.R @ X.rotation @ view.A.transpose(0, 2, 1)).mean(axis=0))
+    left = there @ R_Y - view.a  # R_Y' y, as far as it was read
+    read = ~np.isnan(left)
+    return pin.SE3(R_Y, R_Y @ (np.where(read, left, 0.0).sum(axis=0) / np.maximum(read.sum(axis=0), 1)))
+
+
+def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
+    """Cameras that see targets as pixels, where nothing else told where their frame is."""
+    for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each) and each.link not in data.boards):
+        for session in errors.sessions:
+            rows = np.flatnonzero(each.seen & (_of_session(errors, data.sessions, session)))
+            if session in known.frames or len(rows) < _LEAST_PIXELS:
+                continue
+            R, b = _nominal(errors, data.q[rows], each.target, session)
+            offset = known.offsets.get(each.target, pin.SE3.Identity()).translation
+            known.frames[session] = camera_before(b + R @ offset, data.camera.rays(each.values[rows]))
+
+
+def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
+    """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
+    for each in data.readings:
+        if each.kind == "socket" and each.target not in known.offsets and each.seen.any():
+            rows = np.flatnonzero(each.seen)
+            _require_a_return(data)
+            R, b = _per_session(errors, data, each.target, rows)
+            index = np.array([each.touched.index(str(label)) for label in each.labels[rows]])
+            known.offsets[each.target] = pin.SE3(np.eye(3), common_point(R, b, index))
+
+
+def _require_a_return(data: Measurements) -> None:
+    """Refuse measurements that say nothing: touches of sockets alone, and no socket is touched at two poses.
+
+    Raises:
+        UsageError: naming the first pose and its socket.
+    """
+    if data.lasers or any(each.kind != "socket" for each in data.readings):
+        return
+    touches = [(pose, str(each.labels[pose])) for each in data.readings for pose in np.flatnonzero(each.seen)]
+    if touches and len({label for _, label in touches}) == len(touches):
+        pose, label = touches[0]
+        raise UsageError(
+            f"{data.where(int(pose))}: socket '{label}' is touched once, and so is every other; "
+            "poses that touch the same socket have the same label"
+        )
+
+
+def _per_session(errors: ErrorModel, data: Measurements, target: str, rows: Rows) -> tuple[Array3, Matrix]:
+    R, b = np.empty((len(rows), 3, 3)), np.empty((len(rows), 3))
+    for session in errors.sessions:
+        own: Mask = _of_session(errors, data.sessions[rows], session)
+        if own.any():
+            R[own], b[own] = _nominal(errors, data.q[rows[own]], target, session)
+    return R, b
+
+
+def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
+    """Prior means of sockets, planes and wire ends, from where the placed targets have them."""
+    means: dict[str, float] = {}
+    planes: dict[str, Matrix] = {}
+    for each in data.readings:
+        if not each.places:
+            continue
+        rows = np.flatnonzero(each.seen)
+        if not len(rows):
+            continue
+        _, p = _per_session(errors, data, each.target, rows)
+        if each.kind == "distance":
+            means |= _named(each.places[0].name, wire_end(p, each.values[rows, 0]))
+            continue
+        for label, place in zip(each.touched, each.places, strict=True):
+            if place.name in errors.planes:
+                continue  # known already, and what is held refers to its axes
+            own = p[each.labels[rows] == label]
+            if each.kind == "socket":
+                means |= _named(place.name, own.mean(axis=0))
+            else:
+                _require_touches(data, rows[each.labels[rows] == label], label)
+                planes[place.name], means[f"{place.name}.offset"] = plane_through(own)
+    stated = [
+        replace(parameter, mean=means[parameter.name]) if parameter.name in means and not parameter.mean else parameter
+        for parameter in errors.parameters
+    ]
+    return replace(errors, parameters=tuple(stated), planes={**errors.planes, **planes})
+
+
+def _require_touches(data: Measurements, poses: Vector, label: str) -> None:
+    """Refuse a plane that any probe would fit.
+
+    Raises:
+        UsageError: where the plane was touched first, and how often.
+    """
+    if len(poses) < _LEAST_POINTS:
+        count = "once" if len(poses) == 1 else "twice"
+        raise UsageError(
+            f"{data.where(int(poses[0]))}: plane '{label}' is touched {count}, expected three times or more; "
+            "touch it at more poses, or leave its cells empty"
+        )
+
+
+def _named(place: str, point: Sequence[float] | Vector) -> dict[str, float]:
+    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}

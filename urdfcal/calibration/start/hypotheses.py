@@ -1,0 +1,298 @@
+"""Mistakes in spots and joints, recognised from how well the spots fit with them undone.
+
+Each hypothesis undoes one mistake (`mistakes.py`). What a quick robust fit (`aim.py`) leaves over is compared; the median decides, so
+that outliers do not. First the priors hold as they stand, then screen and module may be placed only roughly. A mistake is named when
+undoing it makes the data fit many times better.
+
+Mistakes in what instruments beside lasers read, and in the joints, recognised from how well the readings fit with them undone.
+
+Measuring frames and targets stand anywhere, so each hypothesis (`mistakes.py`) has them placed anew. All are tried with the joints as
+the URDF has them, the best ones with a robust fit of everything. What is left over is compared in units of the usual noise, by the
+median of each kind of reading and the worst of the kinds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from urdfcal.base.errors import FitRejected
+from urdfcal.base.geometry import Mask, Vector
+from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
+from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings, mistakes_of_spots
+from urdfcal.calibration.start.nominal import nominal_fit
+from urdfcal.calibration.start.rig_search import (
+    INCREDIBLE,
+    MOST_JOINT_TURN,
+    credible,
+    far_wanted,
+    near_wanted,
+    plausible_scale,
+    tilted,
+    turned_round,
+)
+from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.estimators import observations_of
+from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
+from urdfcal.estimation.robust import kind_scales, reweighted, squared_distances
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.sensors.measurements import Measurements, start_sigma
+
+_BETTER = 4.0  # how many times better a mistake must explain the data to be named
+_ALIKE = 1.5  # mistakes that fit this much worse than the best are as good as it
+_QUICK, _THOROUGH = 6, 40  # iterations for every hypothesis, and for the best of them
+_BEST = 6  # hypotheses that are tried to the end
+_MANY = 1000
+
+_TOLD_APART = 4.0  # what asks hardly more of the joints' priors than the mistake that is named, chi-squared, is named beside it
+_PLAUSIBLE = 10.0  # [times the usual noise] what may be left over without a second look
+_STILL = 1e-6  # of a circle
+_QUICK_READINGS = 4  # sweeps that place the instruments for every hypothesis
+_POSES = 200  # enough to tell a mistake from none
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A mistake that explains the measurements.
+
+    Attributes:
+        undone: What undoes it, to be read behind "with".
+        factor: How many times smaller the residual is with it undone.
+        scale: That residual: robust standard deviation, of a spot coordinate [m] or in units of the usual noise.
+        instead: What else would explain the data as well, if anything: a rig that is turned round, another mistake.
+    """
+
+    undone: str
+    factor: float = 1.0
+    scale: float = np.nan
+    instead: str = ""
+
+    @property
+    def words(self) -> str:
+        """One line: `the data fit 40 times better with laser_1 and laser_2 swapped`."""
+        times = f"{self.factor:.0f}" if self.factor < _MANY else f"over {_MANY}"
+        return f"the data fit {times} times better with {self.undone}" + (f" (or with {self.instead})" if self.instead else "")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How the data fit with a mistake undone, or as they stand.
+
+    Attributes:
+        undone: What was undone.
+        scale: What the fit leaves over, in any unit.
+        cost: What it asks of the priors and leaves of the data where that is the scale of what is left over.
+        credible: Whether it believes nothing of the robot that nobody would.
+    """
+
+    undone: str
+    scale: float
+    cost: Callable[[float], float]
+    credible: bool
+
+
+class Trial(Protocol):
+    """A mistake undone that has been looked at quickly."""
+
+    @property
+    def left(self) -> float:
+        """What a quick look leaves over."""
+
+    def judged(self) -> Judged:
+        """A thorough one."""
+
+
+def best_of(trials: Sequence[Trial], least: float) -> list[Judged]:
+    """The mistakes that leave about as little over as the best one, those that ask least first.
+
+    Args:
+        trials: Every mistake that could have been made.
+        least: What is left over of any data, as `Judged.scale`.
+    """
+    fits = [fit for trial in sorted(trials, key=lambda trial: trial.left)[:_BEST] if (fit := trial.judged()).credible]
+    least = max(min((fit.scale for fit in fits), default=np.inf), least)
+    return sorted((fit for fit in fits if fit.scale <= _ALIKE * least), key=lambda fit: fit.cost(least))
+
+
+def times_better(stands: Judged, untouched: float, named: Judged, least: float) -> float:
+    """How many times better the data fit; 1 where it is too little, or something odd, but no mistake, explains them better still.
+
+    Args:
+        stands: A fit of the data as they stand.
+        untouched: What the nominal robot leaves over of them.
+        named: With the mistake undone.
+        least: What is left over of any data.
+    """
+    left = max(named.scale, least)
+    if stands.credible:
+        factor = min(stands.scale, untouched) / left
+    else:
+        factor = untouched / left if left < _ALIKE * max(stands.scale, least) else 1.0
+    return factor if factor >= _BETTER else 1.0
+
+
+def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
+    """The mistake that explains the data many times better than none does, if there is one.
+
+    Meant for data that `find_start` finds implausible; on others it gives None after one quick fit.
+
+    Args:
+        model: Beams and spots, with the error model that is to be fitted.
+        noise: Of the spots.
+    """
+    errors = model.errors
+    mistakes = (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, errors.chain.inputs))
+    for wanted in (near_wanted(errors, noise), far_wanted(errors, noise)):
+        stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
+        if stands.scale < plausible_scale(noise) and stands.credible:
+            return None
+        trials = [_spot_trial(mistake.undone, SpotModel(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
+        untouched = aim_fit(model, wanted, errors.mean, iterations=0).scale
+        for named in best_of(trials, wanted.least)[:1]:
+            times = times_better(stands, untouched, named, wanted.least)
+            if times > 1 and named.scale < plausible_scale(noise):
+                return Hypothesis(named.undone, times, named.scale, _instead(model, wanted, named))
+    return None
+
+
+def _instead(model: SpotModel, wanted: Wanted, best: Judged) -> str:
+    """A rig that is turned round and explains the data as they stand as well as the mistake does, in words."""
+    fits = (aim_fit(model, wanted, x, _THOROUGH) for x in tilted(model.errors, np.pi))
+    alike = (fit for fit in fits if fit.scale < _ALIKE * max(best.scale, wanted.least))
+    return next((words for fit in alike if (words := turned_round(model.errors, fit.x))), "")
+
+
+def _spot_trial(undone: str, model: SpotModel, wanted: Wanted) -> _SpotTrial:
+    return _SpotTrial(undone, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
+
+
+@dataclass(frozen=True)
+class _SpotTrial:
+    """A mistake in spots or joints undone, and a quick fit."""
+
+    undone: str
+    model: SpotModel
+    wanted: Wanted
+    quick: AimFit
+
+    @property
+    def left(self) -> float:
+        return self.quick.scale
+
+    def judged(self) -> Judged:
+        fit = aim_fit(self.model, self.wanted, self.quick.x, _THOROUGH)
+        cost = partial(aim_cost, self.model, self.wanted, fit.x)
+        return Judged(self.undone, fit.scale, cost, credible(self.model.errors, fit.x))
+
+
+def readings_explained(model: SpotModel, found: Estimate, noise: Noise) -> bool:
+    """Whether a fit put most readings where they were made and believes nothing of the joints that the prior does not.
+
+    Args:
+        model: Of the measurements.
+        found: A fit of them.
+        noise: As stated, or where its estimation started.
+    """
+    errors = model.errors
+    of_joints = _of_joints(errors)
+    if np.any(np.abs(found.belief.x - errors.mean)[of_joints] > INCREDIBLE * errors.sigma[of_joints]):
+        return False
+    return found.converged and _left_over(model, found.belief.x, noise) < _PLAUSIBLE
+
+
+def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise) -> Hypothesis | None:
+    """The mistake that explains the readings many times better than none does, if there is one.
+
+    Args:
+        errors: The error model that is to be fitted, before its instruments were placed.
+        data: The measurements.
+        noise: As stated, or where its estimation starts.
+    """
+    if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
+        return None
+    mistakes = (*mistakes_of_readings(data), *mistakes_of_joints(data, errors.chain.inputs))
+    fits = best_of([_trial(errors, data, noise, mistake) for mistake in mistakes], 1.0)
+    if not fits or fits[0].scale > _PLAUSIBLE:
+        return None
+    named, *others = fits
+    stands = _trial(errors, data, noise, Mistake("", lambda data: data))
+    times = times_better(stands.judged(), stands.left, named, 1.0)
+    alike = [fit.undone for fit in others if fit.cost(1.0) < named.cost(1.0) + _TOLD_APART]
+    return Hypothesis(named.undone, times, named.scale, " or with ".join(alike)) if times > 1 else None
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """The measurements with a mistake undone.
+
+    Attributes:
+        undone: What was undone.
+        model: Of some of them; None where instruments cannot be placed.
+        x: The state at which joints and mount are nominal, (p,).
+        noise: As stated, or where its estimation starts.
+        shrunk: How many times less the joints turn: an arm that hardly moves leaves little over of anything, and explains nothing.
+        left: What the nominal robot leaves over, times that.
+    """
+
+    undone: str
+    model: SpotModel | None
+    x: Vector
+    noise: Noise
+    shrunk: float
+    left: float
+
+    def judged(self) -> Judged:
+        """A robust fit; `cost` is what it asks of the joints' priors, chi-squared."""
+        if self.model is None:
+            return Judged(self.undone, np.inf, lambda _: np.inf, False)
+        errors = self.model.errors
+        prior = Belief.independent(errors.mean, errors.sigma)
+        x = reweighted(observations_of(self.model), prior, self.noise, start=self.x).belief.x
+        of_joints = _of_joints(errors)
+        pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
+        turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
+        left = self.shrunk * _left_over(self.model, x, self.noise)
+        return Judged(self.undone, left, lambda _: pull, not np.any(turns > MOST_JOINT_TURN))
+
+
+def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistake) -> _Trial:
+    before, some = _some_poses(data), _some_poses(mistake.change(data))
+    shrunk = max(_turning(errors, before) / max(_turning(errors, some), _STILL), 1.0)
+    try:
+        nominal = nominal_fit(errors, some, noise, _QUICK_READINGS)
+    except FitRejected:  # a camera that no place suits
+        return _Trial(mistake.undone, None, errors.mean, noise, shrunk, np.inf)
+    model = model_for(nominal.errors, some, noise)
+    return _Trial(mistake.undone, model, nominal.x, noise, shrunk, shrunk * _left_over(model, nominal.x, noise))
+
+
+def _turning(errors: ErrorModel, data: Measurements) -> float:
+    """How much of a circle the turning joints see: 0 for joints at rest, 1 for all directions alike."""
+    turning = [index for index, joint in enumerate(errors.chain.inputs) if not joint.prismatic]
+    return float(np.sqrt(np.mean(1 - np.abs(np.exp(1j * data.q[:, turning]).mean(axis=0)) ** 2))) if turning else 1.0
+
+
+def _of_joints(errors: ErrorModel) -> Mask:
+    """Which parameters are errors of joints, (p,)."""
+    return np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
+
+
+def _left_over(model: SpotModel, x: Vector, noise: Noise) -> float:
+    """Robust scale of what is left over at x, in units of the stated or the usual noise, whichever is larger; the worst of the kinds."""
+    here = model.linearise(x)
+    if not np.isfinite(here.residual).all():
+        return np.inf
+    usual = Noise(np.maximum(noise.sigma, start_sigma(model.data)), noise.joint_sigma)
+    return float(kind_scales(here, squared_distances(here, usual)).max())
+
+
+def _some_poses(data: Measurements) -> Measurements:
+    """Enough poses to judge by; all of them where touches must not lose each other."""
+    if len(data) <= _POSES or any(each.places for each in data.readings):
+        return data
+    return data.subset(np.linspace(0, len(data) - 1, _POSES).astype(int))

@@ -1,0 +1,149 @@
+"""The robot as its URDF has it, measured from frames and with targets that suit it best: what a calibration is compared with.
+
+A robot put to its measurements without any fit of the robot: instruments, noise, and how far everything is apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from urdfcal.base.geometry import Vector
+from urdfcal.calibration.error_table import SpotTable, error_table
+from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.start.frames import instruments_alone, place_instruments, with_places
+from urdfcal.estimation.ekf import Belief, iterated_schedule
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.gauge import build_error_model, of_these_poses
+from urdfcal.model.options import ModelOptions, ParameterPrior
+from urdfcal.model.parameters import DEFAULT_PRIORS, Parameter
+from urdfcal.robot.rig import Place
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements, as_measured
+from urdfcal.sensors.stated_noise import noise_of
+
+
+@dataclass(frozen=True)
+class NominalFit:
+    """The uncalibrated robot with its instruments placed.
+
+    Attributes:
+        errors: The error model, with measuring frames and targets put where they were found.
+        alone: The same with nothing free but instruments.
+        instruments: Their state, (of `alone`).
+        x: The state of `errors` at which joints, mount and screen are at their prior mean, (p,).
+        noise: Of the measurements, or where its estimation started.
+    """
+
+    errors: ErrorModel
+    alone: ErrorModel
+    instruments: Vector
+    x: Vector
+    noise: Noise
+
+    def linearise(self, data: Measurements) -> Linearisation:
+        """Residuals of the uncalibrated robot."""
+        with np.errstate(invalid="ignore"):
+            errors, x = with_new_places(self.alone, self.instruments, data, self.noise)
+            return SpotModel(errors, data).linearise(x)
+
+    def table(self, data: Measurements) -> SpotTable:
+        """Distances of the uncalibrated robot."""
+        return error_table(self.linearise(data), len(data))
+
+
+def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps: int | None = None) -> NominalFit:
+    """Place measuring frames, targets and shared places for the robot as it is, in closed form and then by least squares.
+
+    Args:
+        errors: Error model of the robot as it was measured.
+        data: The measurements; where there are lasers alone nothing has to be placed.
+        noise: Of the measurements, or where its estimation starts.
+        max_sweeps: How many sweeps of least squares are allowed; the filter's own default if None.
+    """
+    if data.readings:
+        errors = place_instruments(errors, data)
+    alone, x = instruments_alone(errors), errors.mean.copy()
+    if alone.names:
+        prior = Belief.independent(alone.mean, alone.sigma)
+        found = iterated_schedule(model_for(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
+        x[[errors.names.index(name) for name in alone.names]] = found
+        return NominalFit(errors, alone, found, x, noise)
+    return NominalFit(errors, alone, np.empty(0), x, noise)
+
+
+def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: Noise) -> tuple[ErrorModel, Vector]:
+    """An error model and a state for further measurements: places that were not known yet are put where those have them best.
+
+    Everything else is held at x, so that what is left over tells how well the robot is known.
+    """
+    known = {name.rpartition(".")[0] for name in (*errors.names, *errors.held)}
+    new = [place for place in data.instruments.places if place.name not in known]
+    if not new:
+        return errors, x
+    sigma = DEFAULT_PRIORS["place"]
+    parameters = tuple(
+        Parameter(f"{place.name}.{name}", unit, "place", 0.0, sigma.sigma(unit))
+        for place in new
+        for name, unit in zip(place.names, place.units, strict=True)
+    )
+    held = {**errors.held, **dict(zip(errors.names, x.tolist(), strict=True))}
+    there = with_places(replace(errors, parameters=parameters, held=held), data)
+    prior = Belief.independent(there.mean, there.sigma)
+    found = iterated_schedule(model_for(there, data, noise).linearise, prior, replace(noise, stated=True))
+    return there, found.belief.x
+
+
+def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = None) -> SpotTable:
+    """Distances of a robot as its URDF has it; where targets were measured, from measuring frames and offsets that suit it best.
+
+    Args:
+        robot: The robot.
+        data: The measurements.
+        options: Of which only what concerns the instruments matters.
+    """
+    robot = as_measured(robot, data)
+    errors = _with_instruments(robot, data, options or ModelOptions()) if data.readings else _bare(robot, data)
+    return nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs)))).table(data)
+
+
+def _with_instruments(robot: Robot, data: Measurements, options: ModelOptions) -> ErrorModel:
+    sessions = data.session_names or ("",)
+    return build_error_model(robot.chain, robot.rig, of_these_poses(robot.chain, robot.rig, options, sessions), sessions)
+
+
+def _bare(robot: Robot, data: Measurements) -> ErrorModel:
+    return ErrorModel(robot.chain, (), (), sessions=data.session_names or ("",))
+
+
+def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
+    _, length = SpotModel(_bare(robot, data), data).predict(np.empty(0))
+    with np.errstate(invalid="ignore"):
+        lost = data.seen & ~((length > 0) & np.isfinite(length))
+    if not lost.any():
+        return ()
+    pose, laser = np.argwhere(lost)[0]
+    return (
+        f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
+        f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
+    )
+
+
+def held_instruments(errors: ErrorModel, places: Sequence[Place]) -> ModelOptions:
+    """Options by which measuring frame, targets and places are held as a fit held them.
+
+    Args:
+        errors: The error model of the fit.
+        places: What several poses shared.
+    """
+    slots = [slot for slot in errors.slots if slot.frame is not None]
+    names = [f"{slot.label}.{name}" for slot in slots for name in slot.names if name not in slot.spare]
+    names += [f"{place.name}.{name}" for place in places for name in place.names]
+    held = [name for name in names if name not in errors.names and name not in errors.carried]
+    single = {name: ParameterPrior(errors.held.get(name), fixed=True) for name in held}
+    return ModelOptions(single=single, reference_known=not any(slot.kind == "reference" for slot in slots))

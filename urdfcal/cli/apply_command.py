@@ -1,0 +1,64 @@
+"""`urdfcal apply`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urdfcal.cli.console import finish, say, warn
+from urdfcal.cli.inputs import about, expanded_note, listed, load, require_places
+from urdfcal.cli.options import Formats, Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
+
+
+def apply(
+    robot: RobotFile,
+    calibration: Annotated[
+        Path, typer.Argument(metavar="CALIBRATION", help="Written by fit, or the truth of a simulation.", show_default=False)
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="Main output, by default the calibrated URDF.", show_default=False)
+    ],
+    output_format: Formats = None,
+    ur_hash_from: UrHash = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
+    ] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Put a stored calibration on a robot description (again)."""
+    import numpy as np
+
+    from urdfcal.base.files import write_together
+    from urdfcal.output.formats import Deployed, deployment
+    from urdfcal.output.stored import read_calibration
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
+        say(verbose, about(arm))
+    plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
+    require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
+    stored = read_calibration(calibration)
+    plan.require_fit_for(arm, stored.corrections)
+    origins, missing = stored.origins_for(arm, force)
+    deployed = Deployed(arm, origins, np.random.default_rng(seed))
+    files = deployed.files(plan)
+    warn(deployed.warnings(plan), quiet)
+    write_together(files)
+    if missing:
+        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
+    say(verbose, f"corrected: {', '.join(origins)}")
+    places = {name: str(place) for name, place in plan.places.items()}
+    finish(
+        {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
+        f"wrote {listed(files)} with {len(origins)} corrected origins" + (expanded_note(arm) if "urdf" in plan.places else ""),
+        quiet,
+    )

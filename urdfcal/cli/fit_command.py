@@ -1,0 +1,247 @@
+"""`urdfcal fit`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from urdfcal.base.errors import FitRejected, UsageError
+from urdfcal.cli.console import say, show, warn
+from urdfcal.cli.inputs import (
+    about,
+    by_the_data,
+    expanded_note,
+    joint_noise,
+    listed,
+    load,
+    measured,
+    positive,
+    priors_of,
+    require_lasers_for,
+    require_places,
+    require_priors_used,
+    rig_file_of,
+    rig_options,
+    sensor_noise,
+)
+from urdfcal.cli.options import (
+    CameraOption,
+    DataFile,
+    Estimate,
+    Fix,
+    Formats,
+    JointSigma,
+    Json,
+    Lasers,
+    Model,
+    Only,
+    PackageDirs,
+    Payloads,
+    PriorBeams,
+    PriorJoint,
+    PriorMount,
+    PriorScreen,
+    Quiet,
+    Reference,
+    RigOption,
+    RobotFile,
+    Screen,
+    Seed,
+    Target,
+    UrHash,
+    Verbose,
+    XacroArgs,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+
+def fit(
+    robot: RobotFile,
+    measurements: DataFile,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="OUT", help="Main output. Default: <stem>_calibrated.urdf here.", show_default=False),
+    ] = None,
+    output_format: Formats = None,
+    ur_hash_from: UrHash = None,
+    rig: RigOption = None,
+    error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
+    estimator: Annotated[str, typer.Option(help="ekf, lse (Levenberg-Marquardt), robust (Student's t) or evolution.")] = "ekf",
+    schedule: Annotated[str, typer.Option(help="Of the EKF: iterated (maximum a posteriori) or paper (sweeps with Q and R).")] = "iterated",
+    spot_sigma_mm: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
+    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior: Annotated[
+        str,
+        typer.Option(help="auto: the data choose the joints' prior scales, if none is stated and there are 20 poses; stated: as below."),
+    ] = "auto",
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False),
+    ] = None,
+    max_sweeps: Annotated[
+        int | None, typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False)
+    ] = None,
+    q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
+    r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
+    gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
+    sanity: Annotated[bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.")] = True,
+    test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
+    holdout: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Share of the poses, drawn at random, to test and not to fit, e.g. 0.3.", show_default=False),
+    ] = None,
+    kfold: Annotated[
+        int | None, typer.Option(min=2, metavar="N", help="Also fit N times with an Nth of the poses held out in turn.", show_default=False)
+    ] = None,
+    tool: Annotated[
+        str | None, typer.Option(metavar="LINK", help="Predict how far off this link still is, over the workspace.", show_default=False)
+    ] = None,
+    report: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json; repeatable.", show_default=False),
+    ] = None,
+    sag: Annotated[
+        bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
+    ] = True,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Direction of gravity's pull in the root link, or estimate. Default: 0,0,-1.", show_default=False
+        ),
+    ] = None,
+    payload: Payloads = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="TERM",
+            help="With sag, also try scale (of encoders), eccentricity or approach (direction of the last move); repeatable.",
+            show_default=False,
+        ),
+    ] = None,
+    compensation: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="YAML", help="Write the sag for control code, and beside it the URDF of the joint fit, as a pair.", show_default=False
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
+    reference: Reference = None,
+    reference_known: Annotated[
+        bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
+    ] = False,
+    target: Target = None,
+    camera: CameraOption = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Calibrate: write a corrected URDF, next to it <stem>_calibration.yaml and, of pixels, <stem>_camera.yaml; print the errors."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from urdfcal.api import fit as run_fit
+    from urdfcal.base.files import write_together
+    from urdfcal.calibration.analysis.prediction import base_link, predicted_spots, workspace_accuracy
+    from urdfcal.calibration.analysis.validation import coverage_warnings
+    from urdfcal.calibration.analysis.validation import holdout as hold_out
+    from urdfcal.calibration.analysis.validation import kfold as cross_validate
+    from urdfcal.cli.fit_outputs import planned, sag_wish
+    from urdfcal.model.options import laid_over
+    from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
+    from urdfcal.output.text.sag import sag_blocks, sag_json
+    from urdfcal.sensors.measurements import in_pixels
+
+    def rng() -> np.random.Generator:
+        return np.random.default_rng(seed)
+
+    rig_file = rig_file_of(rig)
+    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
+    inputs = (robot, measurements, rig, test, ur_hash_from, camera)
+    require_places(*outputs.places.values(), inputs=inputs)
+    if compensation is not None and not sag:
+        raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
+    wish = sag_wish(sag, gravity, payload, also)
+    arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
+    outputs = replace(outputs, camera=in_pixels(data))
+    require_places(*outputs.places.values(), inputs=inputs)
+    outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
+    further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
+    if holdout is not None:
+        data = hold_out(data, holdout, rng())
+    require_lasers_for(data, estimate, screen=screen, laser=laser)
+    if reference_known and not data.readings:
+        raise UsageError("--reference-known is about a measuring frame, and these measurements are laser spots alone")
+    priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
+    how: dict[str, Any] = {
+        "estimator": estimator,
+        "schedule": schedule,
+        "options": replace(options, reference_known=options.reference_known or reference_known),
+        "sigmas": sensor_noise(data, rig_file, spot_sigma_mm),
+        "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
+        "tolerance": positive("--tolerance", tolerance),
+        "max_sweeps": max_sweeps,
+        "q": q,
+        "r": r,
+        "gated": gate,
+        "evidence": by_the_data(prior),
+        "sane": sanity,
+    }
+    if tool is not None:
+        base_link(arm, tool)  # refuse a link that does not move before any work is done
+    say(verbose, f"{about(arm)}; {len(data)} poses")
+    calibration = run_fit(arm, data, test=further, rng=rng(), **how)
+    require_priors_used(priors, calibration.errors)
+    warned = (
+        *calibration.warnings,
+        *wish.cautions(calibration),
+        *(further.warnings if further else ()),
+        *coverage_warnings(arm, calibration),
+    )
+    calibration = replace(calibration, warnings=warned)
+    bent = wish.of(calibration)
+    warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
+    if force:
+        warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
+    else:
+        calibration.require_trustworthy()
+    folds = cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None
+    calibration = replace(calibration, folds=folds)
+    extra = Extras(
+        workspace_accuracy(arm, calibration, tool, rng()) if tool is not None else None,
+        folds,
+        predicted_spots(arm, calibration, rng()),
+    )
+    files, cautions = outputs.contents(calibration, bent, extra, rng())
+    warn(cautions, quiet)
+    write_together(files)
+    if as_json:
+        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": sag_json(bent) if bent else None}
+        show(calibration_json(calibration) | extra.machine() | written, [])
+    else:
+        show(None, [*calibration_blocks(calibration), *extra.blocks(), *(sag_blocks(bent, str(compensation or "")) if bent else [])])
+    say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
+    if calibration.rejection:
+        raise typer.Exit(FitRejected.exit_code)

@@ -1,0 +1,150 @@
+"""What `urdfcal fit` writes, and what it is asked about sag; both are refused before any work is done."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from urdfcal.base.errors import UsageError
+from urdfcal.base.version import __version__
+from urdfcal.estimation.evidence import LEAST_POSES
+from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
+from urdfcal.model.softness import EXTRAS
+from urdfcal.output.calibration_yaml import sha256
+from urdfcal.output.formats import Deployment, deployment
+from urdfcal.output.report.files import report_bytes, require_report_ending
+
+if TYPE_CHECKING:
+    from urdfcal.api import Calibration
+    from urdfcal.calibration.analysis.sag import SagFit
+    from urdfcal.output.text.result import Extras
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files that a fit will leave.
+
+    Attributes:
+        plan: Deployed formats and their places.
+        reports: Those that are wanted.
+        compensation: The compensation, if one is wanted; its URDF stands beside it.
+        camera: Whether laser spots were read as pixels, so that the fit corrects the camera, too.
+    """
+
+    plan: Deployment
+    reports: tuple[Path, ...] = ()
+    compensation: Path | None = None
+    camera: bool = False
+
+    @property
+    def places(self) -> dict[str, Path]:
+        """Every file by what it is."""
+        beside = self.plan.main.parent
+        places = {**self.plan.places, "calibration": beside / f"{self.plan.stem}_calibration.yaml"}
+        places |= {"camera": beside / f"{self.plan.stem}_camera.yaml"} if self.camera else {}
+        places |= {f"report {number}" if number > 1 else "report": path for number, path in enumerate(self.reports, start=1)}
+        return places | (
+            {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
+        )
+
+    def contents(
+        self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
+    ) -> tuple[dict[str | Path, bytes], list[str]]:
+        """What goes into them, and what the user ought to know of it.
+
+        Raises:
+            UsageError: a compensation is wanted, and there is nothing to compensate.
+        """
+        deployed, places, record = calibration.deployed(rng), self.places, calibration.record(sys.argv)
+        files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: record}
+        if self.camera:
+            files[places["camera"]] = _camera_file(calibration, record)
+        files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine()) for report in self.reports}
+        if self.compensation is not None and not calibration.rejection:
+            if sag is None:
+                raise UsageError(
+                    f"--compensation: gravity bends no joint of this robot, or there are fewer than {LEAST_POSES} poses; nothing to write"
+                )
+            urdf, text = sag.files(places["compensated_urdf"].name)
+            files |= {places["compensated_urdf"]: urdf, self.compensation: text}
+        return files, list(deployed.warnings(self.plan))
+
+
+def _camera_file(calibration: Calibration, record: bytes) -> bytes:
+    """The corrected camera, with the hash of the calibration that it goes with."""
+    from urdfcal.vision.camera.camera_file import camera_yaml
+
+    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, "calibration_sha256": sha256(record)})
+
+
+def planned(
+    formats: Sequence[str] | None,
+    output: Path | None,
+    stem: str,
+    ur_hash_from: Path | None,
+    reports: Sequence[Path],
+    compensation: Path | None,
+) -> Outputs:
+    """The files that the options ask for.
+
+    Raises:
+        UsageError: an ending or a format is none of ours.
+    """
+    for report in reports:
+        require_report_ending(report)
+    if compensation is not None and compensation.suffix not in (".yaml", ".yml"):
+        raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
+    return Outputs(deployment(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
+
+
+@dataclass(frozen=True)
+class SagWish:
+    """What is asked about sag.
+
+    Attributes:
+        wanted: Whether it is to be fitted at all.
+        gravity: Where down is, and what is carried.
+        estimate: Whether the direction is to be found from the data.
+        extras: Further terms to try.
+    """
+
+    wanted: bool
+    gravity: Gravity
+    estimate: bool
+    extras: tuple[str, ...]
+
+    def cautions(self, calibration: Calibration) -> list[str]:
+        """What the user asked about sag, and will not be told."""
+        asked = self.wanted and (self.extras or self.estimate or self.gravity != Gravity())
+        few = len(calibration.data) < LEAST_POSES
+        return [f"sag is not looked at with fewer than {LEAST_POSES} poses; what was asked about it has no effect"] if asked and few else []
+
+    def of(self, calibration: Calibration) -> SagFit | None:
+        """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""
+        from urdfcal.calibration.analysis.sag import estimated_gravity, fit_sag
+
+        if not self.wanted or calibration.rejection or len(calibration.data) < LEAST_POSES:
+            return None
+        direction = estimated_gravity(calibration).direction if self.estimate else self.gravity.direction
+        return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras)
+
+
+def sag_wish(wanted: bool, gravity: str | None, payloads: Sequence[str] | None, also: Sequence[str] | None) -> SagWish:
+    """What the options ask about sag.
+
+    Raises:
+        UsageError: an option means nothing.
+    """
+    if not wanted and (gravity is not None or payloads or also):
+        raise UsageError("--gravity, --payload and --also are about the sag that --no-sag leaves out; use one of the two")
+    for term in also or ():
+        if term not in EXTRAS:
+            raise UsageError(f"--also {term}: there are: {', '.join(EXTRAS)}")
+    estimate = gravity == "estimate"
+    direction = Gravity().direction if gravity is None or estimate else parse_gravity(gravity)
+    return SagWish(wanted, Gravity(direction, dict(parse_payload(text) for text in payloads or ())), estimate, tuple(also or ()))

@@ -1,0 +1,258 @@
+"""From options to robots, noise, priors and places to write; every refusal here comes before any work is done."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urdfcal.base.errors import UsageError
+
+if TYPE_CHECKING:
+    from urdfcal.calibration.rig_file import RigFile
+    from urdfcal.model.error_model import ErrorModel
+    from urdfcal.model.options import ModelOptions
+    from urdfcal.model.parameters import Kind, PriorScale
+    from urdfcal.robot.robot import Robot
+    from urdfcal.sensors.measurements import Measurements
+
+
+_LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
+MOST_DEGREES = 90.0
+
+
+def load(
+    path: Path,
+    xacro_args: list[str] | None,
+    package_dirs: list[Path] | None,
+    screen: str | None,
+    lasers: list[str] | None,
+    rig: RigFile | None = None,
+) -> Robot:
+    """The robot that a command line names.
+
+    Raises:
+        UsageError: a --xacro-arg is no NAME:=VALUE.
+        RobotError: the file is not a robot that can be loaded.
+    """
+    from urdfcal.robot.robot import load_robot
+
+    arguments = {}
+    for argument in xacro_args or ():
+        name, mark, value = argument.partition(":=")
+        if not mark or not name:
+            raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
+        arguments[name] = value
+    return load_robot(
+        path,
+        xacro_args=arguments,
+        package_dirs=package_dirs or (),
+        screen=screen or (rig.screen if rig else None),
+        lasers=lasers or (rig.lasers if rig else None),
+    )
+
+
+def measured(
+    robot: Robot,
+    path: Path,
+    rig: RigFile | None = None,
+    reference: str | None = None,
+    target: str | None = None,
+    camera: Path | None = None,
+) -> tuple[Robot, Measurements]:
+    """Measurements, and the robot with the instruments that they were made with.
+
+    Raises:
+        MeasurementError: the file cannot be read.
+        RigError: a link that is needed is not there, or not where it can be.
+        UsageError: known distances belong to no sockets.
+    """
+    from dataclasses import replace
+
+    from urdfcal.sensors.measurements import as_measured
+    from urdfcal.sensors.measurements_csv import read_measurements
+    from urdfcal.sensors.readings import known_lengths
+
+    reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
+    if target is not None:
+        robot.tree.require_link(target)
+    _require_boards(robot, rig)
+    data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
+    if rig is not None:
+        data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
+    if target is not None and not (rig and rig.target) and target not in {each.link for each in data.readings}:
+        raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
+    if reference is not None and not (rig and rig.reference) and not data.readings:
+        raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")
+    if camera is not None and not any(each.kind == "pixel" for each in data.readings):
+        raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
+    return as_measured(robot, data), data
+
+
+def _require_boards(robot: Robot, rig: RigFile | None) -> None:
+    for link in rig.grids() if rig is not None else ():
+        robot.tree.require_link(link)
+
+
+def _camera(path: Path | None) -> Any:
+    if path is None:
+        return None
+    from urdfcal.vision.camera.camera_file import read_camera
+
+    return read_camera(path)
+
+
+def rig_file_of(path: Path | None) -> RigFile:
+    """The rig.yaml that was given, or an empty one."""
+    from urdfcal.calibration.rig_file import RigFile, read_rig_file
+
+    return RigFile() if path is None else read_rig_file(path)
+
+
+def rig_options(rig: RigFile, path: Path | None, robot: Robot) -> ModelOptions:
+    """What a rig.yaml wants calibrated.
+
+    Raises:
+        RigError: it was made for a robot with other beams.
+    """
+    if path is not None:
+        rig.require_beams(robot, path)
+    return rig.options()
+
+
+def by_the_data(prior: str) -> bool:
+    """What `--prior` asks for.
+
+    Raises:
+        UsageError: it asks for neither.
+    """
+    if prior not in ("stated", "auto"):
+        raise UsageError(f"--prior {prior}: expected stated or auto")
+    return prior == "auto"
+
+
+def priors_of(joint: str | None, mount: str | None, screen: str | None, beams: str | None) -> dict[Kind, PriorScale]:
+    """The priors that were stated, by group."""
+    from urdfcal.model.options import parse_prior
+
+    stated: dict[Kind, str | None] = {"joint": joint, "mount": mount, "screen": screen, "beam": beams}
+    return {kind: parse_prior(text) for kind, text in stated.items() if text is not None}
+
+
+def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
+    """Standard deviation of every joint reading, [rad]."""
+    import numpy as np
+
+    from urdfcal.base.errors import RigError, no_such
+
+    if stated_deg is not None and not 0 <= stated_deg <= MOST_DEGREES:
+        raise UsageError(f"--joint-sigma-deg {stated_deg:g}: expected a number from 0 to {MOST_DEGREES:g}")
+    common = stated_deg if stated_deg is not None else rig.noise.joint_deg or 0.0
+    names = robot.chain.input_names
+    for name in rig.noise.joints_deg:
+        if name not in names:
+            raise RigError(f"noise.joints_deg: {no_such('joint', name, names)}")
+    own = rig.noise.joints_deg if stated_deg is None else {}
+    degrees = [0.0 if joint.prismatic else own.get(joint.name, common) for joint in robot.chain.inputs]
+    return np.radians(degrees)
+
+
+def require_lasers_for(data: Measurements, estimate: Sequence[str] | None, **options: Any) -> None:
+    """Refuse options about laser spots where none are measured.
+
+    Args:
+        data: The measurements.
+        estimate: What is to be estimated beside the joints.
+        options: What else was given, by the option's name with _ for -; None, or nothing in it, for what was not.
+
+    Raises:
+        UsageError: names the first of them.
+    """
+    of_lasers = [f"--estimate {each}" for each in estimate or () if each in ("screen", "beams", "beams4")]
+    given = [*of_lasers, *(f"--{name.replace('_', '-')}" for name, value in options.items() if value)]
+    if given and not data.lasers:
+        raise UsageError(f"{given[0]} is about laser spots, and these measurements have none")
+
+
+def require_priors_used(priors: Mapping[Kind, Any], errors: ErrorModel) -> None:
+    """Refuse priors of parameters that are not estimated.
+
+    Raises:
+        UsageError: names the first of them.
+    """
+    estimated = {parameter.kind for parameter in errors.parameters}
+    options = {"joint": "--prior-joint", "mount": "--prior-mount", "screen": "--prior-screen", "beam": "--prior-beams"}
+    for kind in priors:
+        if kind not in estimated:
+            raise UsageError(f"{options[kind]} is about parameters that are not estimated; --estimate adds screen, beams or beams4")
+
+
+def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dict[str, float]:
+    """Noise by kind of reading, [m], [rad] or [px], as far as it is stated; a rig.yaml may tell more than these measurements need.
+
+    Raises:
+        UsageError: noise of spots is asked for where there are none.
+    """
+    from urdfcal.sensors.measurements import kinds_of
+    from urdfcal.sensors.stated_noise import states_all
+
+    if spot_mm is not None and not data.seen.any():
+        raise UsageError("--spot-sigma-mm: no laser spots are measured in mm; state other noise in rig.yaml (noise: {point_mm: 0.1})")
+    stated = rig.noise.by_kind()
+    if spot_mm is not None:
+        positive("--spot-sigma-mm", spot_mm)
+        stated["spot"] = spot_mm * 1e-3
+    asked = {"spot"} if spot_mm is not None else set()
+    return {kind: sigma for kind, sigma in stated.items() if kind in asked or (kind in kinds_of(data) and not states_all(data, kind))}
+
+
+def positive(option: str, value: float | None) -> float | None:
+    """A positive number, or None where none was stated.
+
+    Raises:
+        UsageError: it is out of all bounds.
+    """
+    if value is not None and not _LEAST <= value <= _MOST:
+        raise UsageError(f"{option} {value:g}: expected a number between {_LEAST:g} and {_MOST:g}")
+    return value
+
+
+def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
+    """Refuse outputs that cannot be written or would fall on an input, before any work is done."""
+    from urdfcal.base.files import require_writable
+
+    used = {path.resolve() for path in inputs if path is not None}
+    taken: set[Path] = set()
+    for output in outputs:
+        require_writable(output)
+        if output.resolve() in used:
+            raise UsageError(f"{output}: is an input of this command; name another output with -o")
+        if output.resolve() in taken:
+            raise UsageError(f"{output}: two outputs of this command would be written to this file; name another with -o")
+        taken.add(output.resolve())
+
+
+def listed(paths: Iterable[str | Path]) -> str:
+    """`a, b and c`."""
+    *first, last = map(str, paths)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def about(robot: Robot) -> str:
+    """A robot in one line."""
+    from urdfcal.output.text.instruments import rig_in_words
+
+    return f"{robot.name}: moving joints {', '.join(step.joint.name for step in robot.chain.moving)}; {rig_in_words(robot)}"
+
+
+def expanded_note(robot: Robot) -> str:
+    """A word where the URDF that is written is not the text that was read."""
+    return f" (the URDF is the expanded {robot.description.path.name})" if robot.description.expanded else ""
+
+
+def arm7_file() -> Path:
+    """The arm of Table I, in a checkout or installed."""
+    for folder in (Path(__file__).parent / "robots", Path(__file__).parents[1] / "robots"):
+        if (folder / "arm7" / "arm7.urdf.xacro").exists():
+            return folder / "arm7" / "arm7.urdf.xacro"
+    raise UsageError("robots/arm7/arm7.urdf.xacro was not found; name the arm's file")

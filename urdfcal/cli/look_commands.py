@@ -1,0 +1,184 @@
+"""`urdfcal evaluate`, `check` and `dh`: what is there, without fitting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from urdfcal.base.errors import UsageError
+from urdfcal.cli.console import say, show, warn
+from urdfcal.cli.inputs import (
+    about,
+    joint_noise,
+    load,
+    measured,
+    priors_of,
+    require_lasers_for,
+    require_priors_used,
+    rig_file_of,
+    rig_options,
+    sensor_noise,
+)
+from urdfcal.cli.options import (
+    CameraOption,
+    DataFile,
+    Estimate,
+    Fix,
+    JointSigma,
+    Json,
+    Lasers,
+    Model,
+    Only,
+    PackageDirs,
+    PriorBeams,
+    PriorJoint,
+    PriorMount,
+    PriorScreen,
+    Quiet,
+    Reference,
+    RigOption,
+    RobotFile,
+    Screen,
+    Seed,
+    Target,
+    Verbose,
+    XacroArgs,
+)
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+def evaluate(
+    robot: RobotFile,
+    measurements: DataFile,
+    rig: RigOption = None,
+    reference: Reference = None,
+    target: Target = None,
+    camera: CameraOption = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Print how far what a URDF predicts, calibrated or not, lies from what was measured."""
+    from urdfcal.calibration.start.nominal import beams_that_miss
+    from urdfcal.calibration.start.nominal import evaluate as run_evaluate
+    from urdfcal.output.text.result import spot_table_block, table_json
+
+    rig_file = rig_file_of(rig)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    say(verbose, about(arm))
+    warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
+    fit_set, test_set = data.split()
+    tables = {name: run_evaluate(arm, rows, rig_file.options()) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
+    whole = run_evaluate(arm, data, rig_file.options())
+    machine = {"converged": True, "iterations": 0, "rank": 0, "parameters": [], "combinations": []}
+    machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
+    if "test" in tables:
+        machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}
+    rows = [(name, table, None) for name, table in tables.items()]
+    show(machine if as_json else None, [spot_table_block(rows, not data.readings)])
+
+
+def check(
+    robot: RobotFile,
+    measurements: DataFile,
+    rig: RigOption = None,
+    error_model: Model = None,
+    estimate: Estimate = None,
+    fix: Fix = None,
+    only: Only = None,
+    spot_sigma_mm: Annotated[
+        float | None, typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: 1.", show_default=False)
+    ] = None,
+    joint_sigma_deg: JointSigma = None,
+    prior_joint: PriorJoint = None,
+    prior_mount: PriorMount = None,
+    prior_screen: PriorScreen = None,
+    prior_beams: PriorBeams = None,
+    reference: Reference = None,
+    target: Target = None,
+    camera: CameraOption = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Tell what these measurements can and cannot determine, without fitting, and which others would help."""
+    import numpy as np
+
+    from urdfcal.calibration.analysis.check import check as run_check
+    from urdfcal.model.options import laid_over
+    from urdfcal.output.text.check import check_blocks, check_json
+
+    rig_file = rig_file_of(rig)
+    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    say(verbose, about(arm))
+    require_lasers_for(data, estimate, screen=screen, laser=laser)
+    priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
+    result = run_check(
+        arm,
+        data,
+        options=options,
+        sigmas=sensor_noise(data, rig_file, spot_sigma_mm),
+        joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
+        rng=np.random.default_rng(seed),
+    )
+    require_priors_used(priors, result.errors)
+    warn(result.warnings, quiet)
+    show(check_json(result) if as_json else None, check_blocks(result))
+
+
+def dh(
+    robot: RobotFile,
+    hayati: Annotated[bool, typer.Option("--hayati", help="Hayati's transform, with beta, where axes are nearly parallel.")] = False,
+    calibration: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="Also show the table of the corrected robot.", show_default=False)
+    ] = None,
+    tip: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The table of the joints up to this link; no lasers are needed.", show_default=False)
+    ] = None,
+    reference: Reference = None,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
+    from urdfcal.model.dh import dh_table
+    from urdfcal.model.gauge import build_error_model
+    from urdfcal.output.stored import corrected_robot, read_calibration
+    from urdfcal.output.text.result import carried_lines, dh_block, dh_json
+    from urdfcal.robot.rig import Instruments
+    from urdfcal.robot.rig import Target as InstrumentTarget
+
+    if reference is not None and tip is None:
+        raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    if tip is not None:
+        arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, True),), reference or "", True), ())
+    say(verbose, about(arm))
+    rows, corrected = dh_table(arm.chain, hayati), None
+    if calibration is not None:
+        origins, missing = read_calibration(calibration).origins_for(arm)
+        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
+        corrected = dh_table(corrected_robot(arm, origins).chain, hayati)
+    carried = build_error_model(arm.chain, arm.rig).carried
+    machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
+    heading = "left out of the automatic error model, since no measurement could tell them from others:"
+    lines: list[RenderableType] = ["", heading, *(f"  {line}" for line in carried_lines(carried))]
+    show(machine if as_json else None, [dh_block(rows, corrected), *(lines if carried else [])])

@@ -1,0 +1,74 @@
+"""The command line: its commands put together, its errors turned into one line and an exit code."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import NoReturn
+
+import typer
+
+from urdfcal.base.errors import FitRejected, UrdfcalError
+from urdfcal.cli.apply_command import apply
+from urdfcal.cli.camera_command import camera, markers
+from urdfcal.cli.fit_command import fit
+from urdfcal.cli.look_commands import check, dh, evaluate
+from urdfcal.cli.module_command import module
+from urdfcal.cli.render_command import render
+from urdfcal.cli.simulate_commands import paper, simulate
+from urdfcal.cli.spots_command import spots
+from urdfcal.cli.view_command import view
+
+app = typer.Typer(
+    name="urdfcal",
+    help="Find the real geometry of a robot arm from measurements and write it back into its URDF.",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
+    app.command()(_command)
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    from urdfcal.base.version import __version__
+
+    print(__version__)
+
+
+def main() -> NoReturn:
+    """Run the command line; every error of the user's is one line on stderr and exit code 2."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: on a busy machine threads cost far more than they bring
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
+    try:
+        code = app(standalone_mode=False, prog_name="urdfcal")
+    except FitRejected as error:
+        way_out = " (--force writes it anyway)" if error.forceable else ""
+        _fail(f"rejected: {error}; nothing written{way_out}", error.exit_code)
+    except UrdfcalError as error:
+        _fail(str(error), error.exit_code)
+    except typer.Abort:
+        _fail("interrupted", 130)
+    except KeyboardInterrupt:
+        _fail("interrupted", 130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(0)
+    except Exception as error:
+        if hasattr(error, "format_message"):  # typer's own usage errors
+            _fail(" ".join(error.format_message().split()), 2)
+        raise
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str, code: int) -> NoReturn:
+    print(f"urdfcal: {message}", file=sys.stderr)
+    sys.exit(code)

@@ -1,0 +1,197 @@
+"""`urdfcal simulate` and `paper`: measurements of robots whose errors are known."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from urdfcal.cli.console import ProgressBar, finish, say, show
+from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
+from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
+
+if TYPE_CHECKING:
+    from urdfcal.simulation.setup import SimulatedSetup
+
+
+def simulate(
+    robot: RobotFile,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False
+        ),
+    ],
+    poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
+    test_poses: Annotated[int, typer.Option(min=0, help="Further poses, marked as test in a 'set' column.")] = 0,
+    seed: Seed = 0,
+    spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
+    joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
+    noise: Annotated[str, typer.Option(help="gaussian (the noise is a standard deviation) or uniform (half the width).")] = "gaussian",
+    errors: Annotated[
+        str,
+        typer.Option(
+            metavar="MM,DEG|YAML",
+            help="Sigma of random errors in six directions of every joint, mount and screen, or a file with stated errors.",
+        ),
+    ] = "2mm,0.2deg",
+    sag_mrad: Annotated[
+        float,
+        typer.Option(
+            help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled."
+        ),
+    ] = 0.0,
+    sag_across_mrad: Annotated[float, typer.Option(help="The same about the two axes across it, in mrad.")] = 0.0,
+    eccentricity_mrad: Annotated[
+        float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")
+    ] = 0.0,
+    gravity: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Direction of gravity's pull in the root link. Default: 0,0,-1.", show_default=False),
+    ] = None,
+    payload: Payloads = None,
+    screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND:LINK",
+            help="What measures: laser (the robot's lasers), or point, pose, distance, plane or socket of a target on LINK, several on one "
+            "link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
+            show_default=False,
+        ),
+    ] = None,
+    target_noise_mm: Annotated[
+        float, typer.Option(help="Noise in mm of a point's coordinate and of a distance, and how far a touch is off.")
+    ] = 0.1,
+    orientation_noise_deg: Annotated[float, typer.Option(help="Noise of an orientation about each axis in deg.")] = 0.02,
+    places: Annotated[int, typer.Option(min=1, help="How many planes, and how many sockets, a target touches in turn.")] = 4,
+    reference: Reference = None,
+    reference_known: Annotated[
+        bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
+    ] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Simulate measurements of a robot with stated or random errors."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from urdfcal.base.files import write_together
+    from urdfcal.calibration.reach import ScreenArea, draw_poses
+    from urdfcal.model.parameters import INSTRUMENTS
+    from urdfcal.output.calibration_yaml import truth_yaml
+    from urdfcal.robot.corrections import OriginCorrection
+    from urdfcal.sensors.measurements_csv import measurements_csv
+    from urdfcal.simulation.readings import reading_noise, simulate_readings
+    from urdfcal.simulation.readings import simulate as run_simulate
+    from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
+    from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
+
+    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    truth_file = output.parent / f"{output.stem}_truth.yaml"
+    require_places(output, truth_file, inputs=(robot,))
+    rng = np.random.default_rng(seed)
+    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
+    soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
+    area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
+    sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
+    if sensors:
+        arm = seen_with(arm, sensors, reference or "", lasers)
+    say(verbose, about(arm))
+    model, x = truth_of(arm, errors, rng)
+    if soft:
+        model, x = soft_truth(arm, model, x, soft, rng)
+    if sensors:
+        setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, area=area)
+        model, x = setup.errors, setup.x
+        data = simulate_readings(setup, poses + test_poses, rng, simulated)
+    else:
+        data = run_simulate(arm, model, x, draw_poses(arm, model, x, poses + test_poses, rng, area=area), rng, simulated)
+    data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
+    joints = arm.tree.joints
+    corrections = {
+        name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
+    }
+    sizes = {"spot_mm": spot_noise_mm} if lasers else {}
+    sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
+    bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
+    stated = {"distribution": noise, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
+    comments = [
+        f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
+        f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
+        + (f"; {_in_words(bent)}" if bent else ""),
+        "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
+        *(_advice(setup, reference_known) if setup else ()),
+    ]
+    values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
+    truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
+    if setup:
+        import yaml
+
+        truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
+    write_together({truth_file: truth, output: measurements_csv(data, comments)})
+    finish(
+        {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
+        f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
+        quiet,
+    )
+
+
+def _in_words(sizes: dict[str, float]) -> str:
+    """`spot 1 mm, joint 0 deg`."""
+    return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
+
+
+def _advice(setup: SimulatedSetup, reference_known: bool) -> list[str]:
+    """What a fit has to be told beyond the file: the reference link, and a length where only touches were made."""
+    from itertools import pairwise
+
+    import numpy as np
+
+    instruments, lines = setup.robot.rig.instruments, []
+    if instruments.placed:
+        known = " --reference-known" if reference_known else ""
+        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}")
+    sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
+    apart = {
+        f"{one.removeprefix('socket:')} - {other.removeprefix('socket:')}": float(np.linalg.norm(setup.place(one) - setup.place(other)))
+        for one, other in pairwise(sockets)
+    }
+    if apart:
+        lengths = ", ".join(f"'{pair}': {length * 1e3:.3f}" for pair, length in apart.items())
+        lines.append(f"true distances, for a rig.yaml: sockets: {{distances_mm: {{{lengths}}}}}")
+    return lines
+
+
+def paper(
+    robot: Annotated[
+        Path | None,
+        typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Draws of poses and noise that are averaged.")] = 5,
+    screen: Screen = None,
+    laser: Lasers = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Repeat the paper's simulation: Tables II and III beside the published values."""
+    from urdfcal.output.text.paper import paper_blocks, paper_json
+    from urdfcal.simulation.paper import paper_tables
+
+    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser)
+    say(verbose, about(arm))
+    with ProgressBar("simulating", runs, quiet or as_json) as advance:
+        lines = paper_tables(arm, runs, seed, advance)
+    show(paper_json(lines) if as_json else None, paper_blocks(lines, runs))

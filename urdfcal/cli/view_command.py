@@ -1,0 +1,145 @@
+"""`urdfcal view`."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from urdfcal.base.errors import UsageError
+from urdfcal.cli.console import finish, say, warn
+from urdfcal.cli.inputs import about, load, measured, require_places, rig_file_of
+from urdfcal.cli.options import (
+    CameraOption,
+    Json,
+    Lasers,
+    PackageDirs,
+    Quiet,
+    Reference,
+    RigOption,
+    RobotFile,
+    Screen,
+    Target,
+    Verbose,
+    XacroArgs,
+)
+
+if TYPE_CHECKING:
+    from urdfcal.output.view.viewer import View
+    from urdfcal.robot.robot import Robot
+
+
+_PORT, _HOST = 7000, "127.0.0.1"
+
+
+def view(
+    robot: RobotFile,
+    measurements: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="MEASUREMENTS",
+            help="CSV: a column a joint, and what was measured. Without it one pose is shown.",
+            show_default=False,
+        ),
+    ] = None,
+    calibrated: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="URDF|YAML", help="The calibrated robot, or the calibration to put on ROBOT. Default: ROBOT alone.", show_default=False
+        ),
+    ] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write one page that works offline, and stop. Default: serve it.", show_default=False),
+    ] = None,
+    magnify: Annotated[
+        float | None,
+        typer.Option(
+            metavar="TIMES", help="How many times longer arrows are than errors. Default: 20, less where they are long.", show_default=False
+        ),
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help=f"Port to serve on; the next free one where it is taken, 0 for any. Default: {_PORT}.",
+            show_default=False,
+        ),
+    ] = None,
+    host: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help=f"Address to listen on; 0.0.0.0 lets every machine in the network look. Default: {_HOST}.",
+            show_default=False,
+        ),
+    ] = None,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
+    screen: Screen = None,
+    laser: Lasers = None,
+    reference: Reference = None,
+    target: Target = None,
+    camera: CameraOption = None,
+    rig: RigOption = None,
+    xacro_arg: XacroArgs = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Show robot, beams and screen or targets, measured and predicted, in a browser."""
+    from urdfcal.output.view.viewer import view_of
+
+    if html is not None and (port is not None or host is not None):
+        raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
+    rig_file = rig_file_of(rig)
+    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
+    if html is not None:
+        require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
+    if measurements is not None:
+        arm, data = measured(arm, measurements, rig_file, reference, target, camera)
+    other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
+    seen = view_of(arm, data, other, magnify, rig_file.options())
+    say(verbose, about(seen.scene.robot))
+    warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
+    if html is None:
+        _serve(seen, _HOST if host is None else host, _PORT if port is None else port, no_open, as_json, quiet)
+        return
+    seen.write_html(html)
+    size = len(seen.html.encode())
+    finish({"html": str(html), "bytes": size} if as_json else None, f"wrote {html} ({size / 1e6:.1f} MB)", quiet)
+
+
+def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
+    from urdfcal.output.stored import corrected_robot, read_calibration
+
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None)
+    origins, missing = read_calibration(path).origins_for(arm)
+    if missing:
+        warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
+    return corrected_robot(arm, origins)
+
+
+def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:
+    with seen.serve(port, host) as server:
+        say(port not in (0, server.port), f"urdfcal: port {port} is taken", sys.stderr)
+        finish({"url": server.url, "port": server.port} if as_json else None, f"{server.url} shows the robot; Ctrl-C stops", False)
+        sys.stdout.flush()
+        if not no_open:
+            _open(server.url)
+        try:
+            server.wait()
+        except KeyboardInterrupt:
+            say(not quiet, "stopped")
+
+
+def _open(url: str) -> None:
+    """Open a browser where there is a desktop; in a bare terminal a text browser would only be in the way."""
+    import webbrowser
+
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)

@@ -1,0 +1,1 @@
+"""Estimators and their statistics: residual, prior, noise and filter. Knows no robot."""

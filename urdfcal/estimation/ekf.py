@@ -1,0 +1,262 @@
+"""The extended Kalman filter, equations (13) to (15), and its two schedules. Nothing here knows of robots.
+
+    P+ = P + Q                                   predict (13); the state stays
+    S = H P H' + R,  K = P H' S^-1               (14)
+    x+ = x + K (m - h(x)),  P+ = (I - K H) P     (15), the covariance in Joseph form
+
+`paper` sweeps the whole pose set again and again with Q and R until the state stands still. `iterated` uses the data once: it
+relinearises the one update of the prior until it reproduces itself, which is the maximum a posteriori estimate, and its
+covariance counts every measurement once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.estimation.noise import Noise, Weights
+from urdfcal.estimation.residual import Linearisation
+
+Linearise = Callable[[Vector], Linearisation]
+
+TOLERANCE = 1e-7
+MAX_SWEEPS = {"iterated": 100, "paper": 5000}
+STOPS = {
+    "converged": "the step fell under the tolerance",
+    "max_sweeps": "the sweeps allowed were used up before the step fell under the tolerance",
+    "stalled": "no fraction of the step made the fit better",
+    "left_screen": "a measured beam no longer meets the screen in the model",
+    "not_finite": "numbers ceased to be finite",
+}
+_HALVINGS = 30
+_NEARLY = 1e-2  # [sigmas] steps under which noise that is not stated is estimated
+_SHRINKS = 0.1  # steps that shrink faster than this are Newton's last ones
+_STANDSTILL = 1e-12  # [m] and [rad]: steps below it are rounding
+_ROUNDING = 1e-13  # share of the largest eigenvalue under which an information eigenvalue is rounding
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A Gaussian over the parameters.
+
+    Attributes:
+        x: Mean, (p,).
+        P: Covariance, (p, p).
+    """
+
+    x: Vector
+    P: Matrix
+
+    @staticmethod
+    def independent(mean: Vector, sigma: Vector) -> Belief:
+        """Parameters of which none tells anything of another, such as a prior; means and standard deviations, (p,)."""
+        return Belief(mean, np.diag(sigma**2))
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One line of the history, for Fig. 4."""
+
+    x: Vector
+    step: float
+    residual_rms: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator found.
+
+    Attributes:
+        belief: Estimate and covariance.
+        stop: Key of STOPS.
+        noise: The noise that was assumed at the end.
+        history: State, norm of its change and residual after every sweep, starting with the prior.
+    """
+
+    belief: Belief
+    stop: str
+    noise: Noise
+    history: list[Sweep] = field(default_factory=list)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimator came to rest."""
+        return self.stop == "converged"
+
+
+def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Belief, float]:
+    """One Kalman update, equations (14)-(15), in Joseph form.
+
+    Args:
+        belief: Before the measurement.
+        innovation: m - h(x), (m,).
+        H: Jacobian of h, (m, p).
+        R: Covariance of the measurement, (m, m).
+
+    Returns:
+        The belief after it, and the normalised innovation squared, chi-squared with m degrees of freedom.
+    """
+    HP = H @ belief.P
+    S = HP @ H.T + R
+    solved = np.linalg.solve(S, np.column_stack([HP, innovation]))
+    K = solved[:, :-1].T
+    A = np.eye(len(belief.x)) - K @ H
+    P = A @ belief.P @ A.T + K @ R @ K.T
+    return Belief(belief.x + K @ innovation, (P + P.T) / 2), float(innovation @ solved[:, -1])
+
+
+def compress(H: Matrix, innovation: Vector, sigma: Vector) -> tuple[Matrix, Vector]:
+    """Replace many measurements of unit covariance by at most p that say the same of the state.
+
+    Any root B of the information, B'B = H'H, will do, with the innovation B^-T H' innovation. Where the information is well
+    conditioned that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that rounding alone would
+    claim to know. Both are taken in units of what each parameter would be known to by itself, given the standard deviations `sigma`
+    before the measurement.
+    """
+    information = H.T @ H
+    scale = 1 / np.sqrt(np.diag(information) + 1 / sigma**2)
+    information, gradient = information * np.outer(scale, scale), scale * (innovation @ H)
+    try:
+        root = np.linalg.cholesky(information)
+        pivots = np.diag(root)
+        if pivots.min() > 1e-5 * pivots.max():
+            return root.T / scale, np.linalg.solve(root, gradient)
+    except np.linalg.LinAlgError:
+        pass  # not positive definite: some direction is not seen at all
+    values, vectors = np.linalg.eigh(information)
+    kept = values > _ROUNDING * values[-1]
+    lengths, rows = np.sqrt(values[kept]), vectors[:, kept].T
+    return (lengths[:, None] * rows) / scale, (rows @ gradient) / lengths
+
+
+def iterated_schedule(
+    linearise: Linearise,
+    prior: Belief,
+    noise: Noise,
+    *,
+    start: Vector | None = None,
+    tolerance: float = TOLERANCE,
+    max_sweeps: int | None = None,
+) -> Estimate:
+    """The maximum a posteriori estimate: one update of the prior, relinearised until its step is under `tolerance` sigmas.
+
+    A step that would raise the cost, or let a measured beam miss the screen, is halved. Noise that is not stated is estimated from
+    the residual whenever the state has come to rest.
+
+    Args:
+        linearise: Residual and Jacobian of the whole set at a state.
+        prior: Before the data.
+        noise: Of the measurements.
+        start: Where to linearise first; the prior mean by default.
+        tolerance: Largest step of any parameter still to come, in its own posterior standard deviations, that counts as rest.
+        max_sweeps: How many linearisations are allowed.
+    """
+    scale = np.sqrt(np.diag(prior.P))
+    x = prior.x if start is None else start
+    here = linearise(x)
+    belief, history = Belief(x, prior.P), [Sweep(x, np.nan, here.rms)]
+    if not here.usable:
+        return Estimate(belief, here.trouble, noise, history)
+    settled, last = noise.all_stated, 0.0
+    for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
+        weights = noise.weights(here)
+        H, residual = weights.jacobian(here), weights.residual(here)
+        rows, short = compress(H, residual + H @ (x - prior.x), scale)
+        updated, _ = update(prior, short, rows, np.eye(len(short)))
+        step = updated.P @ (residual @ H - (x - prior.x) / scale**2)  # updated.x - x, but without the rounding of a whole update
+        belief = Belief(x + step, updated.P)
+        sigmas = float(np.max(np.abs(step) / np.sqrt(np.diag(belief.P))))
+        shrinking = sigmas / last if last else 1.0
+        left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
+        if not settled and sigmas < _NEARLY:
+            better = noise.estimated(here, degrees_of_freedom(here, H, belief))
+            settled, noise, last = better.close_to(noise, here), better, 0.0
+        elif left < tolerance or np.abs(step).max() < _STANDSTILL:
+            return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
+        else:
+            moved, there = _damped(linearise, x, step, here, weights, prior)
+            if there is None:
+                return Estimate(replace(belief, x=x), "stalled", noise, history)
+            history.append(Sweep(moved, float(np.linalg.norm(moved - x)), there.rms))
+            x, here = moved, there
+    return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
+
+
+def paper_schedule(
+    linearise: Linearise,
+    prior: Belief,
+    noise: Noise,
+    *,
+    q: float = 1e-4,
+    r: float = 1e-4,
+    tolerance: float = TOLERANCE,
+    max_sweeps: int | None = None,
+) -> Estimate:
+    """The paper's schedule: predict and update with the stacked poses, sweep after sweep, Q = q I and R = r I.
+
+    Stops when the norm of the state change is under `tolerance` (m and rad), as in section IV. The covariance that comes out is
+    the filter's own: it forgets by Q and counts the data in every sweep, and is no statement about accuracy.
+
+    Args:
+        linearise: Residual and Jacobian of the whole set at a state.
+        prior: P0 and the starting state.
+        noise: Kept for the report; the schedule has its own R.
+        q: Variance added in every sweep, m^2 and rad^2.
+        r: Variance of a spot coordinate, m^2.
+        tolerance: Norm of the state change that ends the sweeps.
+        max_sweeps: How many sweeps are allowed.
+    """
+    belief, history = prior, [Sweep(prior.x, np.nan, linearise(prior.x).rms)]
+    Q, unit = q * np.eye(len(prior.x)), Weights.uniform(np.sqrt(r))
+    for _ in range(max_sweeps or MAX_SWEEPS["paper"]):
+        here = linearise(belief.x)
+        if not here.usable:
+            return Estimate(belief, here.trouble, noise, history)
+        predicted = Belief(belief.x, belief.P + Q)
+        rows, short = compress(unit.jacobian(here), unit.residual(here), np.sqrt(np.diag(predicted.P)))
+        belief, _ = update(predicted, short, rows, np.eye(len(short)))
+        step = float(np.linalg.norm(belief.x - predicted.x))
+        history.append(Sweep(belief.x, step, here.rms))
+        if not np.isfinite(step):
+            return Estimate(predicted, "not_finite", noise, history)
+        if step < tolerance:
+            return Estimate(belief, "converged", noise, history)
+    return Estimate(belief, "max_sweeps", noise, history)
+
+
+def degrees_of_freedom(here: Linearisation, H: Matrix, belief: Belief) -> Vector:
+    """Numbers of each kind that do not state their noise, less the parameters that they, and not the prior, decide, (kinds,).
+
+    Where none states any that is n - tr(P H'H).
+    """
+    own = here.unstated
+    if len(here.counts) == 1 and np.array_equal(own, here.measured):
+        return here.counts - float(np.sum(belief.P * (H.T @ H)))
+    return here.of_kinds(np.where(own, 1 - here.leverages(H, belief.P), 0.0))
+
+
+def _damped(
+    linearise: Linearise, x: Vector, step: Vector, here: Linearisation, weights: Weights, prior: Belief
+) -> tuple[Vector, Linearisation | None]:
+    """The longest of step, step/2, step/4 ... that does not raise the cost."""
+    cost = _cost(here, weights, x, prior)
+    for halving in range(_HALVINGS):
+        moved = x + step / 2**halving
+        there = linearise(moved)
+        if there.usable and _cost(there, weights, moved, prior) <= cost * (1 + 1e-9) + 1e-12:
+            return moved, there
+    return x, None
+
+
+def _cost(here: Linearisation, weights: Weights, x: Vector, prior: Belief) -> float:
+    residual = weights.residual(here)
+    return float(residual @ residual + np.sum((x - prior.x) ** 2 / np.diag(prior.P)))
+
+
+def posterior(here: Linearisation, prior: Belief, noise: Noise) -> Matrix:
+    """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
+    rows, _ = compress(noise.weights(here).jacobian(here), np.zeros(here.measured.size), np.sqrt(np.diag(prior.P)))
+    return update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P

@@ -1,0 +1,101 @@
+"""TODO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.geometry import Array3, Matrix, Vector
+
+Kinds = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Numbers of a pose that are one observation: a spot, a point, an orientation.
+
+    Attributes:
+        name: What tables call it: the laser, or the target.
+        columns: Its numbers among those of a pose.
+        kind: Index of its noise.
+        unit: In which tables give it: `mm`, `deg` or `px`.
+    """
+
+    name: str
+    columns: slice
+    kind: int = 0
+    unit: str = "mm"
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Residual and Jacobian of a whole set of poses at one state.
+
+    Attributes:
+        residual: m - h(x), (n, m), 0 where nothing was measured.
+        jacobian: (n, m, p), 0 where nothing was measured.
+        joint_jacobian: Derivative by the measured joints, (n, m, inputs).
+        measured: Which of the m numbers of each pose were measured, (n, m).
+        stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
+        trouble: A key of `ekf.STOPS` if the model cannot produce what was measured, else empty.
+        blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
+    """
+
+    residual: Matrix
+    jacobian: Array3
+    joint_jacobian: Array3
+    measured: Any
+    stated_sigma: Matrix
+    trouble: str = ""
+    blocks: tuple[Block, ...] = ()
+
+    @cached_property
+    def kinds(self) -> Kinds:
+        """Index of the noise of each of the m numbers, (m,)."""
+        kinds = np.zeros(self.residual.shape[1], dtype=np.intp)
+        for block in self.blocks:
+            kinds[block.columns] = block.kind
+        return kinds
+
+    @property
+    def counts(self) -> Vector:
+        """How many numbers of each kind were measured, (kinds,)."""
+        return self.of_kinds(self.measured)
+
+    def of_kinds(self, numbers: Any) -> Vector:
+        """Sum of something that each number has, (n, m), by kind, (kinds,)."""
+        return np.asarray(np.bincount(self.kinds, np.asarray(numbers.sum(axis=0), dtype=float)))
+
+    def leverages(self, H: Matrix, P: Matrix) -> Matrix:
+        """What each number was drawn towards its measurement, as a share of its variance, (n, m): the diagonal of H P H'.
+
+        Args:
+            H: Whitened Jacobian, (n m, p).
+            P: Covariance of the parameters, (p, p).
+        """
+        return np.asarray(np.einsum("ij,ij->i", H @ P, H).reshape(self.residual.shape))
+
+    @property
+    def unstated(self) -> Any:
+        """Which numbers were measured and do not state their noise, (n, m)."""
+        return self.measured & np.isnan(self.stated_sigma)
+
+    @property
+    def usable(self) -> bool:
+        """Whether the model produces everything that was measured."""
+        return not self.trouble
+
+    @property
+    def count(self) -> int:
+        """How many numbers were measured."""
+        return int(np.count_nonzero(self.measured))
+
+    @property
+    def rms(self) -> float:
+        """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
+        first = self.kinds == 0
+        return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))

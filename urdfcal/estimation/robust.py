@@ -1,0 +1,320 @@
+"""Fits that outliers do not bend: iteratively reweighted least squares, and a gate that takes outliers out and lets them back in.
+
+An *observation* is one block of numbers of a pose: a spot (two), a point (three), an orientation (three), a distance (one). The weight
+of one with m numbers and squared Mahalanobis distance d2 is
+
+    Student-t, nu degrees:  (nu + m) / (nu + d2)
+    Huber, limit k:         min(1, k sqrt(m / 2) / sqrt(d2))
+
+The scale that d2 is measured in is the robust one of the present residuals, so that it is wide at the start, where honest geometric
+errors are far larger than the noise, and shrinks as they are explained.
+
+A wrong joint reading can turn a beam away from the screen, where it has no residual at all. Such spots are left out of a step, as are
+those so far off that they have no say but could bar the way, and all are looked at again after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.estimation.chi_squared import MEDIANS, medians
+from urdfcal.estimation.ekf import Belief, Estimate, Linearise, Sweep, compress, iterated_schedule, update
+from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
+from urdfcal.estimation.residual import Linearisation
+
+Loss = Literal["student", "huber"]
+_NU = 4.0
+_HUBER = 2.0
+_NO_SAY = 100.0  # [scales] spots farther off than this are left out of a step
+_ROUNDS = 60
+_GATE_ROUNDS = 10
+_CHANCE = 0.01  # probability that a gate takes out any spot of a clean set
+_MARGIN = 3.0  # times that a spot that was not fitted must be farther off to be one: the model's own faults have long tails
+_MOST_OUT = 0.4  # share of outliers beyond which there is no telling which is which
+
+
+def squared_distances(here: Linearisation, noise: Noise, uncertainty: Matrix | None = None) -> Matrix:
+    """Squared Mahalanobis distance of every observation, (n, blocks), chi-squared with its numbers' degrees; nan where there is none.
+
+    Args:
+        here: Residual and Jacobian.
+        noise: Of the measurements.
+        uncertainty: Covariance of the parameters, (p, p), for what was not fitted: S = R + J P J' in place of R.
+    """
+    covariance = noise.pose_covariance(here)
+    if uncertainty is not None:
+        covariance = covariance + here.jacobian @ uncertainty @ here.jacobian.transpose(0, 2, 1)
+    columns = []
+    for block in here.blocks:
+        own, S = here.residual[:, block.columns], covariance[:, block.columns, block.columns]
+        columns.append(np.einsum("ni,ni->n", own, np.linalg.solve(S, own[..., None])[..., 0]))
+    return np.where(degrees(here) > 0, np.column_stack(columns), np.nan)
+
+
+def degrees(here: Linearisation) -> Matrix:
+    """How many numbers of every observation were measured, (n, blocks)."""
+    return np.column_stack([np.count_nonzero(here.measured[:, block.columns], axis=1) for block in here.blocks])
+
+
+def robust_scale(d2: Matrix, freedom: Matrix | None = None) -> float:
+    """How many times wider than assumed the bulk scatters, from the median squared distance; two degrees of freedom by default."""
+    return float(np.sqrt(np.nanmedian(d2 / (MEDIANS[2] if freedom is None else medians(freedom)))))
+
+
+def kind_scales(here: Linearisation, d2: Matrix) -> Vector:
+    """The robust scale of every kind of noise, (kinds,), of what does not state its own if there is any; 1 where nothing was measured."""
+    scales, kinds, stating = observation_scales(here, d2), _kinds(here), _stating(here)
+    found = np.ones(len(here.counts))
+    for kind in range(len(found)):
+        for own in (np.isfinite(d2) & (kinds == kind) & apart for apart in (stating, ~stating)):
+            if own.any():
+                found[kind] = scales[own][0]
+    return found
+
+
+def observation_scales(here: Linearisation, d2: Matrix) -> Matrix:
+    """The robust scale of the sort that each observation is of, (n, blocks): its kind, those that state their own noise apart."""
+    freedom, scales, kinds, stating = degrees(here), np.ones_like(d2), _kinds(here), _stating(here)
+    for kind in np.unique(kinds):
+        for own in ((kinds == kind) & apart for apart in (stating, ~stating)):
+            if np.isfinite(d2[own]).any():
+                scales[own] = robust_scale(d2[own], freedom[own])
+    return scales
+
+
+def _kinds(here: Linearisation) -> Matrix:
+    """Index of the noise of each observation, (n, blocks)."""
+    return np.broadcast_to([block.kind for block in here.blocks], (len(here.residual), len(here.blocks)))
+
+
+def _stating(here: Linearisation) -> Mask:
+    """Which observations state their own noise, (n, blocks)."""
+    return np.column_stack([np.isfinite(here.stated_sigma[:, block.columns]).any(axis=1) for block in here.blocks])
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Everything that was measured, of which any may be left out.
+
+    Attributes:
+        linearise: Residual and Jacobian of the whole set at a state.
+        missed: Which of the beams that were seen do not meet the screen at a state, (n, blocks); never true of anything else.
+        seen: What was measured, (n, blocks).
+        block_of: Which block each number of a pose belongs to, (m,).
+    """
+
+    linearise: Linearise
+    missed: Callable[[Vector], Mask]
+    seen: Mask
+    block_of: Any
+
+    def at(self, x: Vector, kept: Mask) -> Linearisation:
+        """The set at x as if what is not kept (n, blocks) had not been measured."""
+        return self._without(self.linearise(x), x, kept)
+
+    def reached(self, x: Vector) -> tuple[Linearisation, Mask]:
+        """The set at x without the beams that do not meet the screen there, and which those are not, (n, blocks)."""
+        here = self.linearise(x)
+        met = np.ones_like(self.seen) if here.usable else ~self.missed(x)
+        return self._without(here, x, met), met
+
+    def too_few(self, kept: Mask) -> bool:
+        """Whether so many are left out that there is no telling which are right."""
+        return bool(np.mean(kept[self.seen]) < 1 - _MOST_OUT)
+
+    def _without(self, here: Linearisation, x: Vector, kept: Mask) -> Linearisation:
+        if kept.all():
+            return here
+        numbers = kept[:, self.block_of]
+        left = replace(
+            here,
+            residual=np.where(numbers, here.residual, 0.0),
+            jacobian=np.where(numbers[..., None], here.jacobian, 0.0),
+            joint_jacobian=np.where(numbers[..., None], here.joint_jacobian, 0.0),
+            measured=here.measured & numbers,
+        )
+        return left if here.usable else replace(left, trouble=self._trouble(left, x, kept))
+
+    def _trouble(self, left: Linearisation, x: Vector, kept: Mask) -> str:
+        if (self.missed(x) & kept).any():
+            return "left_screen"
+        return "" if np.isfinite(left.residual).all() and np.isfinite(left.jacobian).all() else "not_finite"
+
+
+def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
+    """Maximum a posteriori estimate under Student's or Huber's distribution, by iteratively reweighted steps.
+
+    Spot noise that is not stated is the robust scale of the residual.
+
+    Args:
+        observed: What was measured.
+        prior: Before the data.
+        noise: Of the measurements.
+        loss: `student` or `huber`.
+        start: Where to begin; the prior mean by default.
+    """
+    belief = Belief(prior.x if start is None else start, prior.P)
+    estimate, heard = Estimate(belief, "max_sweeps", noise), np.empty(0, dtype=bool)
+    here, met = observed.reached(belief.x)
+    history: list[Sweep] = []
+    for _ in range(_ROUNDS):
+        if not here.usable or observed.too_few(met):
+            return replace(estimate, stop=here.trouble or "left_screen", history=history or [Sweep(belief.x, np.nan, here.rms)])
+        scaled = _rescaled(noise, here, belief, prior)
+        d2, last = squared_distances(here, scaled), heard
+        heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, degrees(here), loss)
+        estimate = iterated_schedule(
+            lambda state, heard=heard, weights=weights: _weighted(observed.at(state, heard), weights),  # type: ignore[misc]
+            prior,
+            replace(scaled, stated=True),
+            start=belief.x,
+            max_sweeps=3,
+        )
+        history += estimate.history[:1] if not history else []
+        history += estimate.history[-1:]
+        moved = np.max(np.abs(estimate.belief.x - belief.x) / np.sqrt(np.diag(estimate.belief.P)))
+        belief = estimate.belief
+        here, met = observed.reached(belief.x)
+        if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior), here):
+            belief = Belief(belief.x, _covariance(observed.at(belief.x, heard), scaled, estimate.belief, prior, loss))
+            return replace(estimate, belief=belief, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
+    return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
+
+
+def _rescaled(noise: Noise, here: Linearisation, belief: Belief, prior: Belief) -> Noise:
+    """Noise at the robust scale of the residuals; never under what is stated, nor what is usual where too few residuals tell."""
+    scales = kind_scales(here, squared_distances(here, noise))
+    if here.count - _used(belief, prior) < LEAST_FREEDOM:
+        return noise.times(np.maximum(scales, 1.0))
+    return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(here, belief, prior)))
+
+
+def _used(belief: Belief, prior: Belief) -> float:
+    """How many numbers the parameters used up."""
+    return len(belief.x) - float(np.sum(np.diag(belief.P) / np.diag(prior.P)))
+
+
+def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
+    """How many times smaller than the noise residuals are for the parameters having been fitted to them."""
+    return float(np.sqrt(here.count / max(here.count - _used(belief, prior), LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
+
+
+def _covariance(here: Linearisation, noise: Noise, belief: Belief, prior: Belief, loss: Loss) -> Matrix:
+    """Covariance of an M-estimate, (p, p): it uses the share kappa = E[psi']^2 / E[psi^2] of what the data tell of x.
+
+    The expectations are means over all numbers, E[psi^2] = E[w^2 d2] / m with Huber's n / (n - p) for few of them, and
+    E[psi'] = E[w + 2 d2 w' / m] (Huber, Robust Statistics, 1981, chapter 7; Maronna, Annals of Statistics 4, 1976).
+    """
+    d2, m = np.nan_to_num(squared_distances(here, noise)), degrees(here)
+    weights = np.where(m > 0, _weights(d2, m, loss), 0.0)
+    slope = weights**2 * d2 / (_NU + m) if loss == "student" else np.where(weights < 1, weights / 2, 0.0)
+    squared = np.sum(weights**2 * d2) / max(here.count, 1) * _room(here, belief, prior) ** 2
+    of_bulk = (np.sum(m * weights - 2 * slope) / max(here.count, 1)) ** 2
+    kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
+    H = noise.weights(here).jacobian(here)
+    rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
+    return update(prior, np.zeros(len(rows)), np.sqrt(kappa) * rows, np.eye(len(rows)))[0].P
+
+
+def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
+    safe = np.nan_to_num(d2)
+    if loss == "student":
+        return np.asarray((_NU + freedom) / (_NU + safe))
+    return np.asarray(np.minimum(1.0, _HUBER * np.sqrt(freedom / 2 / np.maximum(safe, 1e-12))))
+
+
+def _weighted(here: Linearisation, weights: Matrix) -> Linearisation:
+    """The same set with every observation's rows scaled by the root of its weight."""
+    root = np.ones_like(here.residual)
+    for column, block in enumerate(here.blocks):
+        root[:, block.columns] = np.sqrt(weights[:, column, None])
+    return replace(
+        here, residual=here.residual * root, jacobian=here.jacobian * root[..., None], joint_jacobian=here.joint_jacobian * root[..., None]
+    )
+
+
+def gate(
+    observed: Observations, prior: Belief, noise: Noise, first: Estimate, *, begin: Vector | None = None, **schedule: Any
+) -> tuple[Estimate, Mask | None]:
+    """Take out spots that the fit cannot explain, refit, and let back in what then fits.
+
+    A spot is out when its beam does not meet the screen, or when its squared Mahalanobis distance (its share of the NIS) is beyond
+    what chance gives any spot of a clean set of this size, at the scale of the bulk of the residuals. If the first fit finds none it
+    stands. Otherwise a robust fit tells which they are.
+
+    Args:
+        observed: What was measured.
+        prior: Before the data.
+        noise: As stated, or where to start.
+        first: Fit of all spots.
+        begin: Where the robust fit begins; the prior mean if None.
+        schedule: Passed on to the iterated schedule.
+
+    Returns:
+        The fit without outliers, and which spots it kept, (n, blocks); None if all.
+    """
+    if first.converged and inside(observed, prior, first).all():
+        return first, None
+    estimate = reweighted(observed, prior, noise, start=begin)
+    kept = np.empty(0, dtype=bool)
+    for _ in range(_GATE_ROUNDS):
+        last, kept = kept, inside(observed, prior, estimate)
+        if observed.too_few(kept):
+            return first, None
+        if np.array_equal(kept, last):
+            break
+        estimate = iterated_schedule(
+            lambda state, kept=kept: observed.at(state, kept),  # type: ignore[misc]
+            prior,
+            noise,
+            start=estimate.belief.x,
+            **schedule,
+        )
+    return estimate, None if kept.all() else kept
+
+
+def inside(observed: Observations, prior: Belief, found: Estimate) -> Mask:
+    """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, blocks)."""
+    here, met = observed.reached(found.belief.x)
+    if observed.too_few(met):
+        return met
+    d2 = squared_distances(here, found.noise)
+    scales = observation_scales(here, d2)  # an estimate may hold the outliers
+    known = _stating(here) | found.noise.stated[_kinds(here)]
+    if here.count - _used(found.belief, prior) < LEAST_FREEDOM:
+        known = np.ones_like(known)
+    least = np.where(known, 1.0, (found.noise.times(0.0).sigma / found.noise.sigma)[_kinds(here)])  # no sensor sees less
+    scales = np.maximum(np.where(known, scales, scales * _room(here, found.belief, prior)), least)
+    return np.asarray(met & ~(d2 > _limits(here) * scales**2))
+
+
+def beyond_belief(observed: Observations, found: Estimate) -> Mask:
+    """Which spots of poses that were not fitted are gross outliers, no matter of a calibration that is not good enough, (n, blocks).
+
+    Their beam does not meet the screen, or their distance in units of what noise and the parameters' uncertainty explain is far
+    beyond chance even at the scale of the bulk of these poses: a calibration that fails on all of them has no outliers.
+    """
+    here, met = observed.reached(found.belief.x)
+    if observed.too_few(met):
+        return np.zeros_like(met)
+    d2 = squared_distances(here, found.noise, found.belief.P)
+    scales = _MARGIN * np.maximum(observation_scales(here, d2), 1.0)
+    out = np.asarray(~met | (d2 > _limits(here) * scales**2))
+    return np.zeros_like(out) if observed.too_few(~out) else out
+
+
+def _limits(here: Linearisation) -> Matrix:
+    """The squared distance that chance gives no observation of a clean set of this size, (n, blocks).
+
+    Chi-squared of two degrees is exponential; to others the same probability is carried over by Wilson and Hilferty's cube root.
+    """
+    freedom = degrees(here)
+    pairs = -2 * np.log(_CHANCE / max(int(np.count_nonzero(freedom)), 1))
+    z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
+    m = np.maximum(freedom, 1)
+    return np.asarray(np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3))

@@ -1,0 +1,1 @@
+"""Which placements may be wrong and how: parameters over the chain, and Jac1."""

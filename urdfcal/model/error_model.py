@@ -1,0 +1,343 @@
+"""Which placements may be wrong, and how: parameters with names, units and priors, laid over the way from screen to lasers.
+
+A *slot* is one placement that may be wrong: it holds the product of exponentials of its screws, inserted right behind a joint's
+origin (or, where the URDF has no joint of its own for it, right before one). The parameters are the slots' coordinates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.base.errors import ShapeMismatch
+from urdfcal.base.geometry import SE3, Matrix, Vector, exponentials, product
+from urdfcal.model.gravity import WeighedRobot
+from urdfcal.model.parameters import INSTRUMENTS, SESSION_KINDS, Kind, Parameter, PriorScale
+from urdfcal.model.slots import Slot
+from urdfcal.model.softness import Softness, Term, Yielding
+from urdfcal.robot.chain import Chain
+from urdfcal.robot.urdf_tree import UrdfJoint
+
+
+@dataclass(frozen=True)
+class Placements:
+    """The chain's constants at one value of the parameters, and how they move with it.
+
+    Attributes:
+        joints: Placement of each moving joint behind the one before it.
+        module: Module behind the last moving joint.
+        lasers: Each laser behind the last moving joint.
+        frames: Each of the chain's frames behind the moving joint that carries it.
+        moves: Which parameters move each of those frames against the screen, (frames, p).
+        anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
+        screws: (6, p) those screws, signed for the motion of the module against the screen.
+    """
+
+    joints: list[SE3]
+    module: SE3
+    lasers: list[SE3]
+    frames: list[SE3]
+    moves: Any
+    anchors: Any
+    screws: Matrix
+
+    def still(self) -> Placements:
+        """The same constants without the screws, for predictions that need no derivative."""
+        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0], moves=self.moves[:, :0])
+
+
+@dataclass(frozen=True)
+class ErrorModel:
+    """Parameters of a robot's geometric errors.
+
+    Attributes:
+        chain: The way from the screen to the lasers.
+        slots: Placements that may be wrong, in order of the way; beams last.
+        parameters: What is estimated, in the order of the state x.
+        held: Slot parameters that are not estimated and differ from nothing: name -> value.
+        carried: Parameters that the gauge rule leaves out: name -> what carries them.
+        sessions: Session labels; the first one's screen is the URDF's.
+        planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
+        soft: How joints give way with the pose, if they do: the parameters of kind `soft`.
+        held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
+    """
+
+    chain: Chain
+    slots: tuple[Slot, ...]
+    parameters: tuple[Parameter, ...]
+    held: Mapping[str, float] = field(default_factory=dict)
+    carried: Mapping[str, str] = field(default_factory=dict)
+    sessions: tuple[str, ...] = ("",)
+    planes: Mapping[str, Matrix] = field(default_factory=dict)
+    held_sum: Mapping[str, float] = field(default_factory=dict)
+    soft: Softness | None = None
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in the order of x."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """Unit of each parameter: m or rad."""
+        return tuple(parameter.unit for parameter in self.parameters)
+
+    @cached_property
+    def sigma(self) -> Vector:
+        """Prior standard deviations, (p,), [m] and [rad]."""
+        return np.array([parameter.sigma for parameter in self.parameters])
+
+    @cached_property
+    def mean(self) -> Vector:
+        """Prior means, (p,), [m] and [rad]."""
+        return np.array([parameter.mean for parameter in self.parameters])
+
+    @cached_property
+    def moves_laser(self) -> Any:
+        """Which lasers each parameter moves, (lasers, p): a beam's own alone, and those that hang on it; anything else all of them."""
+        ways = [{joint.child for joint in joints} for joints in self.chain.laser_joints]
+        carriers = [parameter.name.rsplit(".", 1)[0] if parameter.kind == "beam" else "" for parameter in self.parameters]
+        moves = np.array([[not carrier or carrier in way for carrier in carriers] for way in ways], dtype=bool)
+        beside = np.array([parameter.kind in INSTRUMENTS for parameter in self.parameters], dtype=bool)
+        return moves.reshape(len(ways), len(carriers)) & ~beside
+
+    def check(self, x: Vector) -> Vector:
+        """X as an array of floats, if it fits.
+
+        Raises:
+            ShapeMismatch: x has not one number a parameter.
+        """
+        x = np.asarray(x, dtype=float)
+        if x.shape != (len(self.parameters),):
+            raise ShapeMismatch(f"the error model has {len(self.parameters)} parameters, x has shape {x.shape}")
+        return x
+
+    def slot_values(self, x: Vector, session: str = "") -> list[Vector]:
+        """The coordinates of every slot, [m] and [rad], in one session."""
+        state = self.check(x)
+        values = []
+        for columns, held in self._columns[session]:
+            value = held.copy()
+            value[columns >= 0] = state[columns[columns >= 0]]
+            values.append(value)
+        return values
+
+    def placements(self, x: Vector, session: str = "") -> Placements:
+        """Walk the way from screen to lasers with every slot at x."""
+        walk = _Walk(len(self.parameters), self.slots, self.slot_values(x, session), self._columns[session], session)
+        module = walk.along(self._way)
+        for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
+            walk.anchors[column], walk.passed[column] = joint, True
+        on_way = walk.passed.copy()
+        lasers = [walk.along(way, start=module) for way in self._laser_ways]
+        frames, moves = [], np.zeros((len(self._frame_ways), len(self.parameters)), dtype=bool)
+        for row, (frame, way) in enumerate(zip(self.chain.frames, self._frame_ways, strict=True)):
+            walk.passed[:] = False
+            frames.append(walk.along(way, start=pin.SE3.Identity(), depth=frame.depth))
+            moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
+        return Placements(walk.edges, module, lasers, frames, moves, walk.anchors, walk.screws)
+
+    @cached_property
+    def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
+        """Per session and slot: the column of x of each coordinate (-1: held), and the values that are held."""
+        column = {name: index for index, name in enumerate(self.names)}
+        plans = {}
+        for session in self.sessions:
+            names = iter(self._slot_names(session))
+            own = [[next(names) for _ in slot.names] for slot in self.slots]
+            plans[session] = [
+                (np.array([column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot]))
+                for slot in own
+            ]
+        return plans
+
+    @cached_property
+    def _way(self) -> list[_Station]:
+        """From the screen to the module."""
+        stations: list[_Station] = []
+        for step in self.chain.steps:
+            before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
+            origin = step.joint.origin
+            if step.forward:
+                stations += [*before, _Station(constant=origin), *behind, *_motion(step.joint)]
+            else:
+                stations += [*_motion(step.joint), *_inverse(behind), _Station(constant=origin.inverse()), *_inverse(before)]
+        return stations + self._slot_at(None, False)
+
+    @cached_property
+    def _laser_ways(self) -> list[list[_Station]]:
+        """From the module to each laser."""
+        return [
+            [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))]
+            for way in self.chain.laser_joints
+        ]
+
+    def yielding(self, x: Vector, basis: Matrix) -> Yielding | None:
+        """How the joints give way at x, for the basis of every soft term at some poses (n, terms); None if nothing does."""
+        if self.soft is None:
+            return None
+        column = {name: index for index, name in enumerate(self.names)}
+        bends = self.soft.bend_of
+        free = [number for number, term in enumerate(self.soft.terms) if term.name in column]
+        held = [number for number, term in enumerate(self.soft.terms) if term.name not in column and self.held.get(term.name)]
+        order, terms = [*free, *held], self.soft.terms
+        values = [x[column[terms[number].name]] for number in free] + [self.held[terms[number].name] for number in held]
+        return Yielding(
+            columns=np.array([column[terms[number].name] for number in free], dtype=int),
+            joints=tuple(terms[number].joint for number in order),
+            bends=tuple(bends[number] for number in order),
+            basis=basis[:, order],
+            x=np.array(values),
+        )
+
+    def yielding_at(self, x: Vector, q: Matrix) -> Yielding | None:
+        """The same for joint positions (n, inputs) with no payload of their own and no direction of the last move."""
+        return self.yielding(x, self.soft.basis(q)) if self.soft is not None else None
+
+    @cached_property
+    def _soft_columns(self) -> list[tuple[int, int]]:
+        """Column of x and moving joint of every soft parameter."""
+        terms = self.soft.terms if self.soft is not None else ()
+        return [(self.names.index(term.name), term.joint) for term in terms if term.name in self.names]
+
+    @cached_property
+    def _frame_ways(self) -> list[list[_Station]]:
+        """From behind the motion that carries it to each of the chain's frames."""
+        ways = []
+        for index, frame in enumerate(self.chain.frames):
+            way: list[_Station] = []
+            for step in frame.steps:
+                before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
+                if step.forward:
+                    way += [*before, _Station(constant=step.joint.origin), *behind]
+                else:
+                    way += [*_inverse(behind), _Station(constant=step.joint.origin.inverse()), *_inverse(before)]
+            way += [_Station(slot=number) for number, slot in enumerate(self.slots) if index in (slot.frame, *slot.also)]
+            ways.append(way + ([_Station(constant=pin.SE3(np.eye(3), np.array(frame.at)))] if any(frame.at) else []))
+        return ways
+
+    def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:
+        return [
+            _Station(slot=index)
+            for index, slot in enumerate(self.slots)
+            if (slot.joint, slot.before) == (joint, before) and slot.names and slot.frame is None
+        ]
+
+    def corrected_origins(self, x: Vector) -> dict[str, SE3]:
+        """The URDF origins with the errors of x in them (`origin * delta`), by joint name; untouched joints are left out.
+
+        Raises:
+            ShapeMismatch: x has not one number a parameter.
+        """
+        deltas = [
+            product(exponentials(slot.screws, values))
+            for slot, values in zip(self.slots, self.slot_values(x, self.sessions[0]), strict=True)
+        ]
+        joints = {step.joint.name: step.joint for step in self.chain.steps}
+        joints |= {joint.name: joint for way in self.chain.laser_joints for joint in way}
+        touched = {slot.joint for slot in self.slots if self._has_estimated(slot)}
+        origins: dict[str, SE3] = {}
+        for slot, delta in zip(self.slots, deltas, strict=True):
+            if slot.frame is not None:
+                continue
+            if slot.joint is None and self._has_estimated(slot):
+                origins |= self._on_each_laser(delta, origins)
+            elif slot.joint in touched and slot.joint is not None:
+                origin = origins.get(slot.joint, joints[slot.joint].origin)
+                origins[slot.joint] = delta * origin if slot.before else origin * delta
+        return origins
+
+    def _on_each_laser(self, delta: SE3, origins: Mapping[str, SE3]) -> dict[str, SE3]:
+        """A correction of a module that is the moving link itself, put on the first fixed joint of every laser alike."""
+        firsts = {way[0].name: way[0] for way in self.chain.laser_joints}
+        return {name: delta * origins.get(name, joint.origin) for name, joint in firsts.items()}
+
+    def _has_estimated(self, slot: Slot) -> bool:
+        wanted = {f"{slot.label}.{name}" for name in slot.names}
+        return bool(wanted & (set(self.names) | set(self.held)))
+
+    def _slot_names(self, session: str) -> list[str]:
+        suffix = f":{session}" if session != self.sessions[0] else ""
+        return [f"{slot.label}{suffix if slot.kind in SESSION_KINDS else ''}.{name}" for slot in self.slots for name in slot.names]
+
+
+@dataclass(frozen=True)
+class _Station:
+    """One thing to pass on the way: a constant, a slot (perhaps inverted) or, if neither, the motion of a joint."""
+
+    constant: SE3 = None
+    slot: int = -1
+    inverted: bool = False
+
+
+def _motion(joint: UrdfJoint) -> list[_Station]:
+    return [_Station()] if joint.moves else []
+
+
+def _inverse(stations: list[_Station]) -> list[_Station]:
+    return [replace(station, inverted=True) for station in stations]
+
+
+class _Walk:
+    """Collects the placements between motions, and the screw of every parameter in the frame behind the last motion."""
+
+    def __init__(
+        self, parameters: int, slots: Sequence[Slot], values: Sequence[Vector], columns: Sequence[tuple[Any, Vector]], session: str
+    ) -> None:
+        self.slots, self.values, self.columns, self.session = slots, values, columns, session
+        self.edges: list[SE3] = []
+        self.anchors = np.zeros(parameters, dtype=int)
+        self.screws = np.zeros((6, parameters))
+        self.passed = np.zeros(parameters, dtype=bool)
+
+    def along(self, way: Iterable[_Station], start: SE3 | None = None, depth: int | None = None) -> SE3:
+        """Walk from a placement behind the last motion, or behind the one at some depth; gives back the placement reached."""
+        edge = pin.SE3.Identity() if start is None else start
+        for station in way:
+            if station.constant is not None:
+                edge = edge * station.constant
+            elif station.slot >= 0:
+                edge = self.pass_slot(edge, station.slot, station.inverted, len(self.edges) if depth is None else depth)
+            else:
+                self.edges.append(edge)
+                edge = pin.SE3.Identity()
+        return edge
+
+    def pass_slot(self, edge: SE3, number: int, inverted: bool, depth: int) -> SE3:
+        """Move along each screw in turn; its twist, seen from the last motion, is Ad(edge) screw, and minus that for an inverse."""
+        slot, value, columns = self.slots[number], self.values[number], self.columns[number][0]
+        screws, sign = slot.motions, 1.0
+        if self.session in slot.found:
+            edge = edge * slot.found[self.session]  # a frame that was found is never walked backward
+        if inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
+            screws, value, columns, sign = screws[::-1], value[::-1], columns[::-1], -1.0
+        for screw, coordinate, column in zip(screws, value.tolist(), columns.tolist(), strict=True):
+            if column >= 0:
+                self.anchors[column] = depth
+                self.screws[:, column] = sign * edge.act(screw).vector
+                self.passed[column] = True
+            if coordinate:
+                edge = edge * pin.exp6(screw * (sign * coordinate))
+        return edge
+
+
+def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
+    """Every parameter of some slots, joints first, then mount, screen and beams."""
+    order: dict[Kind, int] = {"joint": 0, "mount": 1, "target": 1, "screen": 2, "reference": 2, "beam": 3}
+    return [
+        Parameter(f"{slot.label}.{name}", unit, slot.kind, 0.0, priors[slot.kind].sigma(unit))
+        for slot in sorted(slots, key=lambda slot: order[slot.kind])
+        for name, unit in zip(slot.names, slot.units(), strict=True)
+    ]
+
+
+def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:
+    """An error model whose joints give way."""
+    soft = tuple(Parameter(term.name, "rad", "soft", 0.0, term.sigma) for term in terms)
+    rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
+    return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))

@@ -1,0 +1,82 @@
+"""TODO."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from urdfcal.base.errors import UsageError, did_you_mean
+from urdfcal.base.geometry import DEG, MM
+
+FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
+
+Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera"]
+
+
+@dataclass(frozen=True)
+class PriorScale:
+    """Standard deviations of a group of parameters: translations in metres, rotations in radians.
+
+    Raises:
+        UsageError: one of them is not above zero; a parameter that is known is fixed instead.
+    """
+
+    translation: float
+    rotation: float
+
+    def __post_init__(self) -> None:
+        if not (self.translation > 0 and self.rotation > 0):
+            raise UsageError(f"a prior's standard deviations must be above zero, found {self.translation:g} m and {self.rotation:g} rad")
+
+    def sigma(self, unit: str) -> float:
+        """The one for a parameter's unit."""
+        return self.translation if unit == "m" else self.rotation
+
+
+DEFAULT_PRIORS: dict[Kind, PriorScale] = {
+    "joint": PriorScale(10 * MM, 1 * DEG),
+    "mount": PriorScale(20 * MM, 2 * DEG),
+    "screen": PriorScale(100 * MM, 5 * DEG),
+    "beam": PriorScale(5 * MM, 1 * DEG),
+    "reference": PriorScale(1.0, 1.0),
+    "target": PriorScale(1.0, 1.0),
+    "place": PriorScale(1.0, 1.0),
+    "soft": PriorScale(1e-3, 1e-3),
+    "camera": PriorScale(5 * MM, 0.5 * DEG),
+}
+SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
+INSTRUMENTS = ("reference", "target", "place")  # what moves no beam
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that may be estimated.
+
+    Attributes:
+        name: `<joint or link>.<parameter>`, with `:<session>` behind the link for a later session's screen.
+        unit: `m` or `rad`.
+        kind: Group that it belongs to.
+        mean: Prior mean, in `unit`.
+        sigma: Prior standard deviation, in `unit`; FLAT for none.
+    """
+
+    name: str
+    unit: str
+    kind: Kind
+    mean: float
+    sigma: float
+
+
+def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:
+    """Names that a `--fix` or `--only` pattern means; `*` and `?` as in a shell.
+
+    Raises:
+        UsageError: the pattern means nothing here.
+    """
+    names = [parameter.name for parameter in parameters]
+    found = set(fnmatch.filter(names, pattern))
+    if not found:
+        raise UsageError(f"no parameter matches '{pattern}'{did_you_mean(pattern, names)}")
+    return found

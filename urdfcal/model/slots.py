@@ -1,0 +1,207 @@
+"""The placements of a chain that may be wrong, and the screws along which each error model lets them move."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.base.errors import RigError, UsageError
+from urdfcal.base.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_screw, six_screws, translation_screw
+from urdfcal.model.dh import DhRow, dh_table
+from urdfcal.model.parameters import Kind
+from urdfcal.robot.chain import Chain
+from urdfcal.robot.rig import Rig
+from urdfcal.robot.urdf_tree import UrdfJoint
+
+MODELS = ("auto", "dh", "hayati", "placement", "offset")
+SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
+PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
+_COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
+BEAMS = ("rot_x", "rot_y")
+BEAMS4 = ("trans_x", "trans_y", "rot_x", "rot_y")
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One placement that may be wrong.
+
+    Attributes:
+        label: First half of the parameters' names: joint, module, screen or laser link.
+        kind: What sort of placement it is; decides the prior.
+        names: Second halves, in the order of the product.
+        screws: (6, k) in the slot's own frame.
+        joint: URDF joint next to it; None for a module that has no fixed joint of its own.
+        before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
+        spare: Those of the names that the gauge rule considers last, after everything else.
+        frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
+        also: Further frames that it ends the way to: all the corners of a board share one placement.
+        found: Where the frame was found to stand before any fit, by session: the slot's own placement, ahead of its screws.
+    """
+
+    label: str
+    kind: Kind
+    names: tuple[str, ...]
+    screws: Matrix
+    joint: str | None
+    before: bool = False
+    spare: tuple[str, ...] = ()
+    frame: int | None = None
+    also: tuple[int, ...] = ()
+    found: Mapping[str, SE3] = field(default_factory=dict)
+
+    @cached_property
+    def motions(self) -> tuple[Any, ...]:
+        """The screws as Pinocchio motions."""
+        return tuple(pin.Motion(screw) for screw in self.screws.T)
+
+    def units(self) -> tuple[str, ...]:
+        """`m` or `rad` for each parameter: a screw with no angular part is a translation."""
+        return tuple("rad" if np.any(screw[3:]) else "m" for screw in self.screws.T)
+
+
+class _AxisTables:
+    """The D-H tables of a chain by joint name, each derived when it is first needed."""
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+
+    @cached_property
+    def dh(self) -> dict[str, DhRow]:
+        return {row.name: row for row in dh_table(self.chain)}
+
+    @cached_property
+    def hayati(self) -> dict[str, DhRow]:
+        return {row.name: row for row in dh_table(self.chain, hayati=True)}
+
+
+def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:
+    """All placements of a chain that may be wrong under an error model, in order of the way; beams are not among them.
+
+    Args:
+        chain: The way from screen to module.
+        rig: Names of screen and module.
+        model: One of MODELS; decides the joints' parameters and, for `dh`, the module's.
+        per_joint: Other models for single joints.
+
+    Raises:
+        UsageError: no such model.
+    """
+    per_joint = per_joint or {}
+    rows = _AxisTables(chain)
+    joints = [_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows) for step in chain.moving]
+    instruments = _frame_slots(rig)
+    if not rig.lasers:
+        return (*joints, *instruments)
+    slots = [_screen_slot(chain, rig), *joints, *instruments]
+    names, screws = (PAPER_MOUNT, _paper_mount(chain, rows)) if model == "dh" else (SIX, six_screws())
+    slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
+    return tuple(slots)
+
+
+def _frame_slots(rig: Rig) -> list[Slot]:
+    """The placement of the measuring frame, and the offset of every target on its link."""
+    seen = rig.instruments
+    own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
+    slots = [Slot(own, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
+    places: dict[str, list[int]] = {}
+    for index, target in enumerate(seen.targets, start=1):
+        places.setdefault(target.placed_by, []).append(index)
+    for label, (first, *others) in places.items():
+        target = seen.targets[first - 1]
+        count = 6 if target.whole or target.board else 3
+        slots.append(Slot(label, "target", SIX[:count], six_screws()[:, :count], None, frame=first, also=tuple(others)))
+    return slots
+
+
+def _paper_mount(chain: Chain, rows: _AxisTables) -> Matrix:
+    """The paper's five, (6, 5): translations along x and z of the last joint's D-H frame as in (2), rotations the module's own."""
+    module = rows.dh.get(chain.steps[-1].joint.child) if chain.steps[-1].forward else None
+    if module is None:  # the lasers stand still: the frame behind the last joint is as good as any
+        along = [translation_screw(chain.T_last_module.rotation.T @ direction) for direction in (X, Z)]
+    else:
+        along = [module.screws["d_a"], module.screws["d_d"]]
+    return np.column_stack([*along, six_screws()[:, 3:]])
+
+
+def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:
+    """The beams' slots: two angles, or two angles and two offsets, on each laser's own joint."""
+    screws = six_screws()[:, [SIX.index(name) for name in names]]
+    return tuple(Slot(way[-1].child, "beam", names, screws, way[-1].name) for way in chain.laser_joints)
+
+
+def _screen_slot(chain: Chain, rig: Rig) -> Slot:
+    own = chain.screen_joint
+    if own is not None:
+        return Slot(rig.screen, "screen", SIX, six_screws(), own.joint.name)
+    first = chain.steps[0]
+    if not first.forward:  # the screen is the very link that a moving joint carries: no origin stands for it
+        return Slot(rig.screen, "screen", (), np.empty((6, 0)), first.joint.name, before=True)
+    return Slot(rig.screen, "screen", SIX, six_screws(), first.joint.name, before=True)
+
+
+def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
+    if model not in MODELS:
+        raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
+    named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
+    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), joint.name, spare=_spare(joint, model, rows))
+
+
+def _placement() -> dict[str, Vector]:
+    return dict(zip(SIX, six_screws().T, strict=True))
+
+
+def _offset(joint: UrdfJoint) -> dict[str, Vector]:
+    axis = np.array(joint.axis)
+    return {"d_q": translation_screw(axis)} if joint.prismatic else {"d_theta": rotation_screw(axis, np.zeros(3))}
+
+
+def _dh(joint: UrdfJoint, model: str, rows: _AxisTables) -> dict[str, Vector]:
+    if joint.prismatic:
+        return _slide(joint)
+    row = (rows.dh if model == "dh" else rows.hayati)[joint.name]
+    regular = ("d_a", "d_alpha", "d_beta", "d_theta") if _tilts(row, model) else ("d_a", "d_d", "d_alpha", "d_theta")
+    return {name: screw for name, screw in row.screws.items() if name in regular or name in _spare_names(row, model)}
+
+
+def _tilts(row: DhRow, model: str) -> bool:
+    """Whether a joint has Hayati's tilt in place of its offset d."""
+    return model != "dh" and row.parallel
+
+
+def _spare_names(row: DhRow, model: str) -> tuple[str, ...]:
+    """What the automatic model offers last: a slide has no angle about itself, and coincident axes no normal to turn."""
+    if model != "auto":
+        return ()
+    behind_slide = (("d_d",) if row.parallel else ("d_beta",)) if row.behind_slide else ()
+    return behind_slide + (("d_b",) if row.parallel and abs(row.a) < _COINCIDENT else ())
+
+
+def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
+    return () if joint.prismatic else _spare_names(rows.hayati[joint.name], model)
+
+
+def _slide(joint: UrdfJoint) -> dict[str, Vector]:
+    """The two rotations perpendicular to a slide, through its origin."""
+    axis = np.array(joint.axis)
+    least = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    across = least - axis * float(axis @ least)
+    across /= np.linalg.norm(across)
+    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(cross(axis, across), np.zeros(3))}
+
+
+def require_screen_slot(chain: Chain, rig: Rig) -> None:
+    """Refuse to estimate the placement of a screen that is the very link a moving joint carries.
+
+    Raises:
+        RigError: naming screen and joint.
+    """
+    first = chain.steps[0]
+    if first.joint.moves and not first.forward:
+        raise RigError(
+            f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement"
+        )

@@ -1,0 +1,151 @@
+"""The calibration as a file: origins, parameters, combinations and where they come from."""
+
+from __future__ import annotations
+
+import hashlib
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
+from urdfcal.base.version import __version__
+from urdfcal.calibration.error_table import SpotTable
+from urdfcal.calibration.result import FitResult
+from urdfcal.robot.corrections import OriginCorrection
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import kinds_of
+
+
+def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
+    """A calibration as YAML: provenance, rig, noise, origins, parameters, combinations, spot distances."""
+    noise = calibration.estimate.noise
+    content = {
+        **_provenance(calibration.robot, command),
+        "measurements": _data_entry(calibration),
+        "estimator": {
+            "name": calibration.estimator,
+            "error_model": calibration.error_model,
+            "parameters": len(calibration.errors.names),
+            "rank": calibration.identifiability.rank,
+            "converged": calibration.converged,
+            "stop": calibration.stop_reason,
+            "sweeps": len(calibration.estimate.history) - 1,
+            "chi_squared_per_degree_of_freedom": calibration.chi_squared,
+        },
+        "noise": {
+            "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
+            "spot_sigma_stated": noise.all_stated,
+            "extra_noise": dict(calibration.extra_noise),
+            "sigma": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
+            "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
+        },
+        "joints": joint_entries(calibration.corrections),
+        "parameters": parameter_entries(calibration),
+        "carried": dict(calibration.errors.carried),
+        "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
+        "spots": {"before": _table(calibration.before), "after": _table(calibration.after)},
+    }
+    if calibration.test:
+        content["spots"]["test"] = {"before": _table(calibration.test[0]), "after": _table(calibration.test[1])}
+    return _yaml("Calibration by urdfcal. xyz and values in metres, rpy in radians, unless the name says otherwise.", content)
+
+
+def truth_yaml(
+    robot: Robot,
+    corrections: Mapping[str, OriginCorrection],
+    values: Mapping[str, float],
+    command: Sequence[str],
+    noise: Mapping[str, Any],
+) -> bytes:
+    """The errors of a simulated robot as YAML; the file can be applied like a calibration, which gives the true robot."""
+    content = {
+        **_provenance(robot, command),
+        "simulated": True,
+        "noise": dict(noise),
+        "joints": joint_entries(corrections),
+        "parameters": {name: {"value": float(value)} for name, value in values.items()},
+    }
+    return _yaml("The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
+
+
+def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Name, value, sigma, unit, prior and whether the data decided it, for every parameter; SI."""
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
+    return [
+        {
+            "name": parameter.name,
+            "value": float(value),
+            "sigma": float(sigma),
+            "unit": parameter.unit,
+            "determined": determined,
+            "prior_sigma": parameter.sigma,
+        }
+        for parameter, value, sigma, determined in rows
+    ]
+
+
+def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]:
+    """Nominal origin, corrected origin and delta by joint name."""
+    return {
+        name: {
+            "moves": correction.moving,
+            "nominal": _origin(correction.nominal),
+            "corrected": _origin(correction.corrected),
+            "delta": _origin(correction.delta),
+        }
+        for name, correction in corrections.items()
+    }
+
+
+def sha256(content: bytes) -> str:
+    """Hash of some bytes, in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
+    words = [Path(command[0]).name, *command[1:]] if command else []
+    return {
+        "urdfcal": __version__,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": _readable(shlex.join(words)),
+        "robot": {
+            "name": robot.name,
+            "file": _readable(str(robot.description.path)),
+            "sha256": sha256(robot.description.text),
+            "expanded_by_xacro": robot.description.expanded,
+        },
+        "rig": {"screen": robot.rig.screen, "module": robot.rig.module, "lasers": list(robot.rig.lasers)},
+    }
+
+
+def _data_entry(calibration: FitResult) -> dict[str, Any]:
+    data = calibration.data
+    entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
+    if data.source:
+        entry = {"file": _readable(data.source), "sha256": data.sha256, **entry}
+    return entry
+
+
+def _readable(text: str) -> str:
+    """A path as text, also where its bytes are no UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _origin(placement: SE3) -> dict[str, list[float]]:
+    xyz, rpy = xyz_rpy(placement)
+    return {"xyz": [float(value) + 0.0 for value in xyz], "rpy": [float(value) + 0.0 for value in rpy]}
+
+
+def _table(table: SpotTable) -> dict[str, Any]:
+    return {name: row.entry() for name, row in table.items()}
+
+
+def _yaml(comment: str, content: Mapping[str, Any]) -> bytes:
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    text = yaml.dump(dict(content), Dumper=dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+    return f"# {comment}\n{text}".encode()

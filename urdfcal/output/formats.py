@@ -1,0 +1,151 @@
+"""The forms in which a calibration is deployed: `--format`, where each one is written, and its bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from urdfcal.base.errors import UsageError, did_you_mean
+from urdfcal.base.geometry import SE3
+from urdfcal.output.driver_yaml import origins_yaml, read_ur_hash, ur_joints, ur_warnings, ur_yaml
+from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_writer import with_origins
+
+ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
+_FOREIGN = {"urdf": (".yaml", ".yml"), "yaml": (".urdf", ".xacro", ".xml")}  # what a file of the other kind must not be called
+
+
+@dataclass(frozen=True)
+class Deployment:
+    """The files that were asked for.
+
+    Attributes:
+        places: Where each format is written; the first is the main output.
+        kinematics_hash: For the UR format.
+    """
+
+    places: Mapping[str, Path]
+    kinematics_hash: str | None = None
+
+    @property
+    def main(self) -> Path:
+        """The main output, which `-o` names."""
+        return next(iter(self.places.values()))
+
+    @property
+    def stem(self) -> str:
+        """What the files beside the main output are named after."""
+        return stem_of(self.main)
+
+    def require_fit_for(self, robot: Robot, calibrated: Iterable[str]) -> None:
+        """Refuse a robot that a format is not for, before any work is done.
+
+        Args:
+            robot: The robot.
+            calibrated: Names of the joints that are, or are to be, calibrated.
+
+        Raises:
+            RobotError: says what is missing.
+        """
+        if "ur" in self.places:
+            ur_joints(robot, calibrated)
+
+
+def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_from: Path | None = None) -> Deployment:
+    """Lay out the files of some formats: `-o` names the main one, the others stand beside it under their own endings.
+
+    Args:
+        formats: Names of formats; none means `urdf`.
+        output: The main output. It is that of the format whose ending its name has, else of the first format.
+        stem: What files are named after where there is no `output`.
+        ur_hash_from: A kinematics file of the UR driver whose hash is taken over.
+
+    Raises:
+        UsageError: an unknown format, a name that belongs to another kind of file, or two files of one name.
+        InputError: there is no hash in the file.
+    """
+    wanted = list(dict.fromkeys(formats)) or ["urdf"]
+    for name in wanted:
+        if name not in ENDINGS:
+            raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
+    if ur_hash_from is not None and "ur" not in wanted:
+        raise UsageError("--ur-hash-from means something with --format ur alone")
+    main = wanted[0] if output is None else _meant(wanted, output)
+    folder, stem = (Path(), stem) if output is None else (output.parent, stem_of(output))
+    places = {main: output or Path(f"{stem}{ENDINGS[main]}")}
+    places |= {name: folder / f"{stem}{ENDINGS[name]}" for name in wanted if name != main}
+    if len(set(places.values())) < len(places):
+        raise UsageError(f"{output}: two formats would be written to this file; name another with -o")
+    return Deployment(places, None if ur_hash_from is None else read_ur_hash(ur_hash_from))
+
+
+def stem_of(path: Path) -> str:
+    """A file's name without the endings that urdfcal gives: `arm` for `arm_calibrated.urdf`, `arm.urdf` and `arm_offsets.yaml`."""
+    for ending in ENDINGS.values():
+        if path.name.endswith(ending) and path.name != ending:
+            return path.name.removesuffix(ending)
+    return path.stem if path.suffix in (".urdf", ".yaml", ".yml") else path.name
+
+
+def _meant(wanted: Sequence[str], output: Path) -> str:
+    own = [name for name in wanted if output.name.endswith(ENDINGS[name])]
+    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name == "urdf" else "yaml"]]
+    if not alike:
+        kind = "a URDF" if wanted[0] == "urdf" else "YAML"
+        raise UsageError(f"{output}: --format {wanted[0]} writes {kind}, expected a name that does not end in {output.suffix}")
+    return (own or alike)[0]
+
+
+@dataclass(frozen=True)
+class Deployed:
+    """A calibration in the forms that were asked for.
+
+    Attributes:
+        robot: The description that the origins belong to.
+        origins: Corrected placement by joint name.
+        rng: For the configurations over which an offsets-only deployment is judged.
+    """
+
+    robot: Robot
+    origins: Mapping[str, SE3]
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    @cached_property
+    def loss(self) -> OffsetLoss:
+        """What offsets alone lose."""
+        return offset_loss(self.robot, self.origins, self.rng)
+
+    def files(self, plan: Deployment) -> dict[str | Path, bytes]:
+        """Content by place, the main output first.
+
+        Raises:
+            RobotError: a format is not for this robot.
+        """
+        return {place: self.content(name, plan.kinematics_hash) for name, place in plan.places.items()}
+
+    def content(self, name: str, kinematics_hash: str | None = None) -> bytes:
+        """One format's bytes.
+
+        Raises:
+            UsageError: there is no such format.
+            RobotError: it is not for this robot.
+        """
+        if name == "urdf":
+            return with_origins(self.robot.description, self.origins)
+        if name == "origins-yaml":
+            return origins_yaml(self.robot, self.origins)
+        if name == "ur":
+            return ur_yaml(self.robot, self.origins, kinematics_hash)
+        if name == "offsets":
+            return offsets_yaml(self.robot, self.origins, self.loss)
+        raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
+
+    def warnings(self, plan: Deployment) -> tuple[str, ...]:
+        """What keeps a format from carrying the whole calibration."""
+        ur = ur_warnings(self.robot, self.origins) if "ur" in plan.places else ()
+        return (*ur, *(self.loss.warnings if "offsets" in plan.places else ()))

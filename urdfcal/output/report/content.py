@@ -1,0 +1,233 @@
+"""What a report says, section by section, before it is HTML or Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from urdfcal.base.terminal import displayed, value_and_sigma
+from urdfcal.calibration.error_table import SpotTable
+from urdfcal.calibration.outliers import Outlier
+from urdfcal.calibration.result import FitResult
+from urdfcal.estimation.identifiability import DETERMINED, Combination
+from urdfcal.model.parameters import INSTRUMENTS, Parameter
+from urdfcal.output.report.document import Block, Cell, Gallery, Points, Section, Share, Table
+from urdfcal.output.report.reading_residuals import ReadingResiduals, reading_residuals, reading_suspects
+from urdfcal.output.report.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
+from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
+from urdfcal.output.report.verdict import Verdict, count_of, verdict_of
+from urdfcal.output.text.instruments import first_kind, parameters_in_words
+from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
+from urdfcal.sensors.measurements import Measurements
+
+_MOST_OUTLIERS = 50
+_PHASES = ("mean", "std", "max")
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report.
+
+    Attributes:
+        title: Its heading.
+        subtitle: Which data, which estimator.
+        verdict: Whether the calibration may be used.
+        sections: Everything else.
+        residuals: Spots of the fitted and the test poses, for pictures.
+        readings: What other instruments read, for pictures.
+        suspects: Spots and readings that do not belong to the rest, for pictures.
+    """
+
+    title: str
+    subtitle: str
+    verdict: Verdict
+    sections: tuple[Section, ...]
+    residuals: tuple[SpotResiduals, ...]
+    readings: tuple[ReadingResiduals, ...]
+    suspects: tuple[Suspect, ...]
+
+
+def report_of(calibration: FitResult, command: Sequence[str], sag: Section | None = None) -> Report:
+    """Gather everything that there is to say about a calibration, and of what gravity does to the robot if that was asked."""
+    sets, readings = residuals_of(calibration), reading_residuals(calibration)
+    found = [*suspects(calibration, sets), *reading_suspects(calibration, readings)]
+    found.sort(key=lambda suspect: -suspect.length)
+    sections = [
+        _spots(calibration),
+        frames_section(calibration),
+        places_section(calibration, readings),
+        _convergence(calibration),
+        _parameters(calibration),
+        _combinations(calibration),
+        _carried(calibration),
+        _correlations(calibration),
+        _outliers(calibration, sets, found),
+        *([sag] if sag is not None else []),
+        Section("warnings", "Warnings", (Points(calibration.warnings),) if calibration.warnings else ()),
+        Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
+    ]
+    data = calibration.data
+    subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
+    title = f"Calibration of {calibration.robot.name}"
+    shown = tuple(each for each in sections if each.blocks)
+    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(readings), tuple(found))
+
+
+def _spots(calibration: FitResult) -> Section:
+    rows = _spot_rows("fit", calibration.before, calibration.after)
+    rows += _spot_rows("test", *calibration.test) if calibration.test else []
+    rows += _spot_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after) if calibration.folds else []
+    lasers = not calibration.data.readings
+    names = ("laser", "spots") if lasers else ("what, in mm" if _millimetres(calibration.before) else "what", "number")
+    table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
+    what = "Distance from measured to predicted spot, in mm" if lasers else "Distance from measured to predicted"
+    intro = f"{what}: before with the nominal robot, after with the calibrated one."
+    if not lasers:
+        intro += " Before, too, frames and targets stand where they suit that robot best."
+    title = "Spots on the screen" if lasers else "What was measured"
+    galleries = ("spots", "histograms") if lasers else ("spots", "readings", "histograms", "components")
+    return Section("spots", title, (intro, table, *(Gallery(key) for key in galleries)))
+
+
+def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
+    all_mm = _millimetres(before)
+    return [
+        (
+            label,
+            laser if all_mm else f"{laser}, {row.unit}",
+            str(row.n),
+            *(fixed(value) for own in (row, after[laser]) for value in (own.mean, own.std, own.max)),
+        )
+        for laser, row in before.items()
+    ]
+
+
+def _convergence(calibration: FitResult) -> Section:
+    history = calibration.estimate.history
+    what, unit, size = first_kind(calibration)
+    first, last = fixed(history[0].residual_rms / size), fixed(history[-1].residual_rms / size)
+    went = f" The RMS of {what} went from {first} {unit} to {last} {unit}." if history[0].residual_rms else ""
+    text = (
+        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}.{went} Sweep 0 is where the estimator started."
+    )
+    return Section("convergence", "Convergence", (text, Gallery("convergence")))
+
+
+def _parameters(calibration: FitResult) -> Section:
+    text = (
+        "Errors of the robot against its URDF. The last column is how much of the stated prior's uncertainty the data leave; a parameter "
+        f"is determined when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
+    )
+    if calibration.evidence is not None:
+        text += " The prior sigmas of the joints are those that the data made most probable."
+    if not honest_covariance(calibration):
+        text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
+    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
+    rows = tuple(_parameter_row(*row) for row in every if row[0].kind not in INSTRUMENTS)
+    table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), rows)
+    return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if rows else ())
+
+
+def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float) -> tuple[Cell, ...]:
+    unit, size = displayed(parameter.unit)
+    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if left < DETERMINED else "not determined"
+    return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(left, DETERMINED))
+
+
+def _combinations(calibration: FitResult) -> Section:
+    combinations = [each for each in combinations_of_robot(calibration) if len(each.terms) > 1 or not each.determined]
+    sums = [each for each in combinations if each.determined]
+    open_ = [each for each in combinations if not each.determined]
+    blocks: list[Block] = []
+    if sums:
+        what = "measurements" if calibration.data.readings else "spots"
+        blocks += [f"Determined as sums alone. The {what} tell these sums, not their terms:", _combination_table(calibration, sums)]
+    if open_:
+        blocks += [
+            "Not determined. The data say little or nothing about these; the priors hold them:",
+            _combination_table(calibration, open_),
+        ]
+    return Section("combinations", "What the data do not tell apart", tuple(blocks))
+
+
+def _combination_table(calibration: FitResult, combinations: Sequence[Combination]) -> Table:
+    return Table(("combination", "value ± sigma", "left of prior"), tuple(_combination_row(calibration, each) for each in combinations))
+
+
+def _combination_row(calibration: FitResult, combination: Combination) -> tuple[Cell, ...]:
+    parameters = {parameter.name: parameter for parameter in calibration.errors.parameters}
+    units = {parameters[name].unit for name in combination.terms}
+    unit, size = displayed(units.pop()) if len(units) == 1 else ("m and rad", 1.0)
+    value = f"{value_and_sigma(combination.value / size, combination.sigma / size)} {unit}"
+    return (combination.words(), value if combination.determined else "not determined", Share(combination.left, DETERMINED))
+
+
+def _carried(calibration: FitResult) -> Section:
+    text = "Not estimated, because no measurement of any kind could tell them from others; their errors are part of what carries them:"
+    lines = tuple(carried_lines(calibration.errors.carried))
+    return Section("carried", "Carried parameters", (text, Points(lines)) if lines else ())
+
+
+def _correlations(calibration: FitResult) -> Section:
+    groups = strongly_correlated(calibration)
+    if not groups:
+        return Section("correlations", "Correlated parameters", ())
+    text = f"Linked by correlations above {STRONG:g}: combinations of them are known better than each alone."
+    return Section("correlations", "Correlated parameters", (text, Points(tuple(_group_line(calibration, each) for each in groups))))
+
+
+def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
+    rows = [calibration.errors.names.index(name) for name in group]
+    block = calibration.covariance[np.ix_(rows, rows)] / np.outer(calibration.sigma[rows], calibration.sigma[rows])
+    np.fill_diagonal(block, 0.0)
+    first, second = sorted(divmod(int(np.argmax(np.abs(block))), len(rows)))
+    strongest = "" if len(group) == 2 else f", strongest {group[first]} with {group[second]}"
+    return f"{', '.join(group)} (correlation {block[first, second]:+.3f}{strongest})"
+
+
+def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequence[Suspect]) -> Section:
+    blocks: list[Block] = []
+    laser = "what" if calibration.data.readings else "laser"
+    if calibration.outliers:
+        rows = tuple(_left_out_row(each, calibration.data) for each in calibration.outliers[:_MOST_OUTLIERS])
+        blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", laser, "reason"), rows, words=3)]
+        blocks += _more(len(calibration.outliers))
+    if calibration.test_outliers:
+        tested = calibration.test_data or calibration.data
+        rows = tuple(_left_out_row(each, tested) for each in calibration.test_outliers[:_MOST_OUTLIERS])
+        blocks += ["Left out of the table of test poses as gross outliers:", Table(("pose", laser, "reason"), rows, words=3)]
+        blocks += _more(len(calibration.test_outliers))
+    text = (
+        "residual is longer than chance makes one in ten reports, judged by how long the residuals of its kind usually are."
+        if calibration.data.readings
+        else f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
+        f"{spread(calibration, sets[0]):.2f} times what noise{' and uncertain parameters' if len(sets) > 1 else ''} would do."
+    )
+    if not found:
+        every = "readings" if calibration.data.readings else "spots"
+        return Section("outliers", "Outliers", (*blocks, f"Among the {every} that were used, none stands out: no {text}"))
+    in_mm = all(each.unit == "mm" for each in found)
+    used = tuple(_used_row(each, "" if in_mm else f" {each.unit}") for each in found[:_MOST_OUTLIERS])
+    table = Table(("poses", "pose", laser, "distance in mm" if in_mm else "distance", "sigmas"), used, words=3)
+    return Section("outliers", "Outliers", (*blocks, f"Used, but far from the rest; their {text}", table, *_more(len(found))))
+
+
+def _left_out_row(outlier: Outlier, data: Measurements) -> tuple[Cell, ...]:
+    """Pose, what was read, and why; the folder of the file stands under where this comes from."""
+    pose = outlier.pose.removeprefix(f"{data.source}:")
+    return (outlier.pose if pose == outlier.pose else f"{Path(data.source).name}:{pose}", outlier.laser, outlier.reason)
+
+
+def _used_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:
+    return (suspect.set, suspect.pose, suspect.laser, f"{fixed(suspect.distance)}{unit}", f"{suspect.length:.1f}")
+
+
+def _millimetres(table: SpotTable) -> bool:
+    return all(row.unit == "mm" for row in table.values())
+
+
+def _more(number: int) -> list[str]:
+    return [f"{number - _MOST_OUTLIERS} more are not listed."] if number > _MOST_OUTLIERS else []

@@ -1,0 +1,119 @@
+"""Pictures as SVG that takes its colours and fonts from the page, so that they follow light and dark."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+INK, LINE, BAND = "#000a01", "#000a02", "#000a03"  # stand-ins: the page says what they are
+SERIES = tuple(f"#000b{index:02x}" for index in range(8))
+MARKERS = "os^Dv*PX"
+DASHES = ("-", "--", ":", "-.")
+SANE = 1e6  # [mm] and [deg]: beyond is not drawn
+_VARIABLES = {INK: "ink", LINE: "line", BAND: "band", **{stand_in: f"c{index}" for index, stand_in in enumerate(SERIES)}}
+_WIDTH = 4.6  # [inches] of a picture; 72 units an inch
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "urdfcal",
+    "font.size": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.edgecolor": LINE,
+    "axes.labelcolor": INK,
+    "axes.facecolor": "none",
+    "axes.formatter.useoffset": False,
+    "figure.facecolor": "none",
+    "grid.color": LINE,
+    "grid.linewidth": 0.5,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 3.5,
+    "text.color": INK,
+    "text.parse_math": False,
+    "xtick.color": LINE,
+    "ytick.color": LINE,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture and what it says.
+
+    Attributes:
+        gallery: Where in the report it stands.
+        title: What it shows.
+        caption: How it is to be read.
+        svg: The drawing.
+    """
+
+    gallery: str
+    title: str
+    caption: str
+    svg: str
+
+
+@contextmanager
+def house_style() -> Iterator[None]:
+    """Our own settings, whatever the user's matplotlibrc says; no warning of letters that the page's own font will have."""
+    import matplotlib
+
+    with matplotlib.rc_context(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        yield
+
+
+def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Callable[[Axes], None], legend: int = 4) -> Picture:
+    """One picture with one pair of axes; what has a label gets a legend of so many columns below."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    axes = figure.subplots()
+    draw(axes)
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside lower center", ncols=legend, handlelength=1.6, columnspacing=1.2)
+    return Picture(gallery, title, caption, _svg(figure, title, caption))
+
+
+def _svg(figure: Figure, title: str, caption: str) -> str:
+    """The drawing as an element for a page: colours by variables, fonts from the page, ids of its own."""
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
+    own = re.sub(r"\W+", "-", title.lower())
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{own}-", text)
+    text = re.sub("|".join(_VARIABLES), lambda found: f"var(--{_VARIABLES[found[0]]})", text)
+    box = re.search(r'viewBox="[^"]*"', text)
+    head = (
+        f'<svg {box[0] if box else ""} role="img" aria-label="{escape(f"{title}. {caption}")}" xmlns:xlink="http://www.w3.org/1999/xlink">'
+    )
+    return re.sub(r"\s*\n\s*", " ", head + text[text.index(">") + 1 :])
+
+
+def sane(values: Matrix) -> Matrix:
+    """The values, nan where they are nothing that can be drawn."""
+    return np.where(np.isfinite(values) & (np.abs(values) < SANE), values, np.nan)

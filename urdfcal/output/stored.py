@@ -1,0 +1,195 @@
+"""A calibration read back from its file: put on a robot again, on a Pinocchio model, and shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
+from urdfcal.base.files import read_yaml
+from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
+from urdfcal.calibration.result import FitResult
+from urdfcal.model.options import ModelOptions
+from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
+from urdfcal.robot.robot import Robot, with_text
+from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.sensors.measurements import Measurements
+
+if TYPE_CHECKING:
+    from urdfcal.output.view.viewer import View
+
+
+Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
+Triple = tuple[Finite, Finite, Finite]
+
+
+class _Loose(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class OriginEntry(_Loose):
+    """xyz in metres, rpy in radians."""
+
+    xyz: Triple
+    rpy: Triple
+
+    def placement(self) -> SE3:
+        """As a placement."""
+        return pose(np.array(self.xyz), np.array(self.rpy))
+
+
+class JointEntry(_Loose):
+    """One calibrated joint."""
+
+    moves: bool
+    nominal: OriginEntry
+    corrected: OriginEntry
+
+
+class CalibrationEntries(_Loose):
+    """The part of the file that is read back."""
+
+    joints: dict[str, JointEntry] = Field(min_length=1)
+
+
+@dataclass(frozen=True, repr=False)
+class StoredCalibration(Applicable):
+    """A calibration read from its file.
+
+    Attributes:
+        path: The file.
+        corrections: Nominal and corrected origin by joint name.
+    """
+
+    path: Path
+    corrections: dict[str, OriginCorrection]
+
+    def __repr__(self) -> str:
+        """In a line."""
+        return f"<{type(self).__name__} {self.path}: {', '.join(self.corrections)}>"
+
+    def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
+        """The origins to write into a robot description that may have changed elsewhere.
+
+        An origin that equals the nominal one gets the corrected one; one that already equals the corrected one stays.
+
+        Args:
+            robot: The target.
+            force: Where an origin is neither, put the correction on top of it.
+
+        Returns:
+            Origins by joint name, and the calibrated joints that the target does not have.
+
+        Raises:
+            CalibrationFileError: the target is calibrated already, lacks a moving joint, or has an origin that is neither.
+        """
+        present = robot.tree.joints
+        origins, already, missing = {}, 0, []
+        for name, correction in self.corrections.items():
+            if name not in present:
+                if correction.moving:
+                    raise CalibrationFileError(
+                        f"the robot {robot.description.path} has no joint '{name}'{did_you_mean(name, present)}", self.path
+                    )
+                missing.append(name)
+                continue
+            origin = present[name].origin
+            if same_origin(origin, correction.nominal):
+                origins[name] = correction.corrected
+            elif same_origin(origin, correction.corrected):
+                already += 1
+            elif force:
+                origins[name] = origin * correction.delta
+            else:
+                off_mm, off_mrad = distance_mm_mrad(origin, correction.nominal)
+                raise CalibrationFileError(
+                    f"joint '{name}' of {robot.description.path} is neither at its nominal nor at its corrected origin "
+                    f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
+                    self.path,
+                )
+        if already and all(same_origin(self.corrections[name].nominal, origin) for name, origin in origins.items()):
+            raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
+        if not origins:
+            raise CalibrationFileError(
+                f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path
+            )
+        return origins, missing
+
+    def show(
+        self, robot: Robot, data: Measurements | None = None, magnify: float | None = None, options: ModelOptions | None = None
+    ) -> View:
+        """Robot, beams and what was measured before and after, to look at; the file knows neither robot nor measurements.
+
+        Args:
+            robot: As its URDF has it.
+            data: What was measured; without it one pose is shown.
+            magnify: How many times longer than the errors their arrows are.
+            options: Of which only what concerns the instruments matters.
+
+        Raises:
+            CalibrationFileError: the calibration is another robot's, or the robot is calibrated already.
+            UsageError: a model or a path was given in place of the robot.
+        """
+        from urdfcal.output.view.viewer import view_of
+
+        if not isinstance(robot, Robot):
+            raise UsageError(f"show: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
+        return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
+
+
+def corrected_robot(robot: Robot, origins: Mapping[str, SE3]) -> Robot:
+    """The robot that a description with other origins, by joint name, is read as; screen, lasers and instruments stay."""
+    return with_text(robot, with_origins(robot.description, origins))
+
+
+def read_calibration(path: str | Path) -> StoredCalibration:
+    """Read a calibration or the truth of a simulation.
+
+    Raises:
+        CalibrationFileError: the file is not one.
+    """
+    path = Path(path)
+    file = read_yaml(path, CalibrationFileError)
+    if not isinstance(file.content, dict) or "joints" not in file.content:
+        raise CalibrationFileError("is no calibration: it has no entry 'joints'; expected a file written by urdfcal fit or simulate", path)
+    try:
+        entries = CalibrationEntries.model_validate(file.content)
+    except ValidationError as error:
+        found = error.errors()[0]
+        raise CalibrationFileError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path, file.line(found["loc"])) from None
+    corrections = {
+        name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
+        for name, entry in entries.joints.items()
+    }
+    return StoredCalibration(path, corrections)
+
+
+def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:
+    """Corrected copies of a Pinocchio model and of its geometry models, by a fit, a stored calibration or the path of one.
+
+    Args:
+        model: `pin.Model` of the robot; left unchanged.
+        calibration: What `fit` or `load_calibration` gave, or a file that `urdfcal fit` wrote.
+        geometry_models: `pin.GeometryModel`s of it; left unchanged.
+
+    Returns:
+        The corrected model; with geometry models the tuple (model, *geometry_models).
+
+    Raises:
+        UsageError: one of the arguments is something else, such as a `Robot` in place of its `model`.
+        CalibrationFileError: the file is no calibration.
+        RobotError: the model lacks a joint that was calibrated, is calibrated already, or is of another description.
+    """
+    found = read_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+    if not isinstance(found, FitResult | StoredCalibration):
+        raise UsageError(
+            f"found a {type(found).__name__} where the calibration belongs; expected apply(robot.model, calibration), "
+            "with what fit or load_calibration gave, or the path of its file"
+        )
+    return applied(model, geometry_models, found.corrections)

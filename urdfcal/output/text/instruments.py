@@ -1,0 +1,150 @@
+"""Instruments in words and figures: what measured, how noisily, and where its frames were found."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from urdfcal.base.geometry import exponentials, product, xyz_rpy
+from urdfcal.calibration.result import FitResult
+from urdfcal.estimation.noise import Noise
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.parameters import INSTRUMENTS
+from urdfcal.model.slots import Slot
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements, kinds_of
+from urdfcal.sensors.sensor import KINDS, UNITS, start_sigma_of
+
+
+def noise_in_words(calibration: FitResult) -> str:
+    """`spot noise 1.1 mm (estimated from the residual)`: standard deviations of single coordinates, and where they are known from."""
+    data, by_source = calibration.data, dict[str, list[str]]()
+    for index, kind in enumerate(kinds_of(data)):
+        if kind == "spot" and not data.seen.any() and data.readings:  # spots were read as pixels
+            continue
+        sigma = KINDS[kind].told(calibration.estimate.noise.sigma[index])
+        by_source.setdefault(_source(calibration, kind, index), []).append(f"{KINDS[kind].noise} {sigma}")
+    return ", ".join(f"{', '.join(words)} ({source})" for source, words in by_source.items())
+
+
+def _source(calibration: FitResult, kind: str, index: int) -> str:
+    noise = calibration.estimate.noise
+    if kind in calibration.extra_noise:
+        return f"stated, and {KINDS[kind].told(calibration.extra_noise[kind])} on top"
+    if noise.stated[index]:
+        return "stated"
+    return "assumed" if noise.sigma[index] == start_sigma_of(kind) else "estimated from the residual"  # untouched where too few tell
+
+
+def assumed_noise(data: Measurements, noise: Noise) -> str:
+    """`1 mm of spot noise`, `0.5 mm of point noise and 0.05 deg of orientation noise`; what measurements state of their own is not told."""
+    return " and ".join(
+        f"{KINDS[kind].told(sigma)} of {KINDS[kind].noise}" for kind, sigma in zip(kinds_of(data), noise.sigma.tolist(), strict=True)
+    )
+
+
+def first_kind(calibration: FitResult) -> tuple[str, str, float]:
+    """What the history's residual is of, in words, the unit in which people read it, and that unit's size in SI."""
+    kind = kinds_of(calibration.data)[0]
+    unit = KINDS[kind].unit
+    return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, UNITS[unit]
+
+
+def parameters_in_words(errors: ErrorModel) -> str:
+    """`33 parameters`; where there are instruments, `18 parameters of the robot, 12 of frames and targets, 36 of places`."""
+    of_places = sum(parameter.kind == "place" for parameter in errors.parameters)
+    of_frames = sum(parameter.kind in INSTRUMENTS for parameter in errors.parameters) - of_places
+    of_camera = sum(parameter.kind == "camera" for parameter in errors.parameters)
+    own = len(errors.parameters) - of_places - of_frames - of_camera
+    if own == len(errors.parameters):
+        return f"{own} parameters"
+    further = [(of_frames, "frames and targets" if any(slot.kind == "reference" for slot in errors.slots) else "targets")]
+    further += [(of_places, "places"), (of_camera, "the camera")]
+    return ", ".join([f"{own} parameters of the robot", *(f"{count} of {what}" for count, what in further if count)])
+
+
+def rig_in_words(robot: Robot) -> str:
+    """Screen, module and lasers; reference and targets."""
+    rig, words = robot.rig, []
+    if rig.lasers:
+        words.append(f"screen {rig.screen}; module {rig.module}; lasers {', '.join(rig.lasers)}")
+    if rig.instruments.targets:
+        words.append(f"reference {rig.instruments.reference}; targets {', '.join(target.name for target in rig.instruments.targets)}")
+    return "; ".join(words)
+
+
+def measuring_frame(calibration: FitResult) -> str:
+    """What coordinates of targets and places are in."""
+    instruments = calibration.robot.rig.instruments
+    return "the measuring frame" if instruments.placed else f"the frame of {instruments.reference}"
+
+
+def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Placement of every measuring frame and target on its link, SI, with the root mean variance of its translations and rotations."""
+    errors, links = calibration.errors, {target.name: target.link for target in calibration.robot.rig.instruments.targets}
+    entries = []
+    for slot in errors.slots:
+        if slot.frame is None:
+            continue
+        for session in errors.sessions if slot.kind == "reference" else errors.sessions[:1]:
+            values = errors.slot_values(calibration.x, session)[errors.slots.index(slot)]
+            placement = product([*([slot.found[session]] if session in slot.found else []), *exponentials(slot.screws, values)])
+            xyz, rpy = xyz_rpy(placement)
+            label = f"{slot.label}:{session}" if session != errors.sessions[0] else slot.label
+            name = f"measuring frame{f' of session {session}' if session else ''}" if slot.kind == "reference" else slot.label
+            entries.append(
+                {
+                    "name": name,
+                    "link": links.get(slot.label, slot.label),
+                    "xyz": [float(value) for value in xyz],
+                    "rpy": [float(value) for value in rpy],
+                    "sigma": _sigma(calibration, slot, label, "trans"),
+                    "rotation_sigma": _sigma(calibration, slot, label, "rot") if len(slot.names) > 3 else None,
+                }
+            )
+    return entries
+
+
+def place_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Where sockets, planes and the ends of wires were found, in the measuring frame, SI; a plane is normal . p = offset."""
+    errors = calibration.errors
+    values = {**errors.held, **dict(zip(errors.names, calibration.x.tolist(), strict=True))}
+    sigmas = dict(zip(errors.names, calibration.sigma.tolist(), strict=True))
+    entries: list[dict[str, Any]] = []
+    for place in calibration.data.instruments.places:
+        names = [f"{place.name}.{name}" for name in place.names]
+        if not all(name in values for name in names):
+            continue
+        found = [values[name] for name in names]
+        entry: dict[str, Any] = {"name": place.name}
+        if place.name in errors.planes:
+            lean = errors.planes[place.name] @ np.array([1.0, *found[:2]])
+            entry |= {"normal": (lean / np.linalg.norm(lean)).tolist(), "offset": found[2]}
+        else:
+            entry["xyz"] = found
+        lengths = [sigmas.get(name, 0.0) for name, unit in zip(names, place.units, strict=True) if unit == "m"]
+        entries.append({**entry, "sigma": float(np.sqrt(np.mean(np.square(lengths))))})
+    return entries
+
+
+def length_entries(calibration: FitResult) -> list[dict[str, Any]]:
+    """Known distances between places, and those that were found, SI."""
+    places = {entry["name"]: entry["xyz"] for entry in place_entries(calibration) if "xyz" in entry}
+    return [
+        {
+            "one": known.one,
+            "other": known.other,
+            "known": known.length,
+            "sigma": known.sigma,
+            "found": float(np.linalg.norm(np.subtract(places[known.one], places[known.other]))),
+        }
+        for known in calibration.data.lengths
+        if known.one in places and known.other in places
+    ]
+
+
+def _sigma(calibration: FitResult, slot: Slot, label: str, part: str) -> float:
+    names = [f"{label}.{name}" for name in slot.names if name.startswith(part)]
+    own = [index for index, name in enumerate(calibration.errors.names) if name in names]
+    return float(np.sqrt(np.mean(calibration.sigma[own] ** 2))) if own else 0.0

@@ -1,0 +1,316 @@
+"""What `fit` says on request beyond its own tables: accuracy of a tool over the workspace, cross-validation.
+
+Results as text and as the machine-readable dictionary of `--json`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.terminal import as_text, displayed, figures_table, titled, value_and_sigma
+from urdfcal.calibration.analysis.prediction import SpotAccuracy, WorkspaceAccuracy
+from urdfcal.calibration.error_table import rms_mm
+from urdfcal.calibration.result import CrossValidation
+from urdfcal.estimation.identifiability import Combination, correlated_groups
+from urdfcal.model.dh import DhRow
+from urdfcal.model.parameters import INSTRUMENTS
+from urdfcal.output.calibration_yaml import parameter_entries
+from urdfcal.output.text.instruments import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
+from urdfcal.sensors.measurements import kinds_of
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from urdfcal.calibration.error_table import SpotTable
+    from urdfcal.calibration.result import FitResult
+    from urdfcal.estimation.evidence import Evidence
+
+_MOST_SUMS = 12  # that a terminal is asked to hold
+STRONG = 0.95  # correlation above which parameters are named together
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What is said beyond the fit itself.
+
+    Attributes:
+        accuracy: Of a tool, if it was asked for.
+        folds: Cross-validation, if it was asked for.
+        spots: Predicted accuracy of the spots, where there are lasers.
+    """
+
+    accuracy: WorkspaceAccuracy | None
+    folds: CrossValidation | None
+    spots: SpotAccuracy | None = None
+
+    def blocks(self) -> list[RenderableType]:
+        """For people."""
+        blocks: list[RenderableType] = []
+        if self.spots is not None:
+            rows = zip(self.spots.lasers, self.spots.median / MM, self.spots.most / MM, self.spots.worst / MM, strict=True)
+            words = "; ".join(f"{laser} {median:.2g}, {most:.2g}, {worst:.2g} mm" for laser, median, most, worst in rows)
+            blocks += ["", f"Predicted error of the spots over the workspace (median, 95 %, worst): {words}"]
+        if self.accuracy is not None:
+            blocks += ["", self.accuracy.words()]
+        if self.folds is not None:
+            blocks += ["", "Cross-validation: every pose predicted by a fit that did not see it", ""]
+            blocks += [spot_table_block([(f"{self.folds.folds}-fold", self.folds.before, self.folds.after)], self.folds.spots)]
+            blocks += [f"fold rejected: {reason}" for reason in self.folds.rejected]
+        return blocks
+
+    def machine(self) -> dict[str, Any]:
+        """For machines."""
+        machine: dict[str, Any] = {}
+        if self.spots is not None:
+            rows = zip(self.spots.lasers, self.spots.median, self.spots.most, self.spots.worst, strict=True)
+            machine["predicted_spots"] = {
+                laser: {"median": float(median), "quantile_95": float(most), "worst": float(worst)} for laser, median, most, worst in rows
+            }
+        if self.accuracy is not None:
+            machine["tool"] = asdict(self.accuracy)
+        if self.folds is not None:
+            machine["kfold"] = {
+                "folds": self.folds.folds,
+                "before": table_json(self.folds.before),
+                "after": table_json(self.folds.after),
+                "rms_mm": rms_mm(self.folds.after),
+                "rejected": list(self.folds.rejected),
+            }
+        return machine
+
+
+def text_report(calibration: FitResult) -> str:
+    """The whole result as text."""
+    return as_text(calibration_blocks(calibration))
+
+
+def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
+    """Headline, spot table, parameters, and what the data did not decide."""
+    tables = [("fit", calibration.before, calibration.after)]
+    if calibration.test:
+        tables.append(("test", *calibration.test))
+    return [
+        _headline(calibration),
+        "",
+        spot_table_block(tables, not calibration.data.readings),
+        "",
+        parameter_table(calibration),
+        *_frames(calibration),
+        *_outliers(calibration),
+        *_undecided(calibration),
+        *_correlated(calibration),
+        *_carried(calibration.errors.carried),
+    ]
+
+
+def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]], spots: bool = True) -> RenderableType:
+    """Distance between measured and predicted spot per laser, or point per target, before and after."""
+    rows = list(tables)
+    table = figures_table("poses", "laser" if spots else "what")
+    both = any(after is not None for _, _, after in rows)
+    phases = ("before", "after") if both else ("",)
+    for name in ("spots" if spots else "number", *(f"{figure}\n{phase}".strip() for phase in phases for figure in ("mean", "std", "max"))):
+        table.add_column(name, justify="right")
+    for label, before, after in rows:
+        for laser, row in before.items():
+            figures = [row.mean, row.std, row.max]
+            figures += [after[laser].mean, after[laser].std, after[laser].max] if after is not None else []
+            unit = "" if row.unit == "mm" else f" in {row.unit}"
+            table.add_row(label, f"{laser}{unit}", str(row.n), *(_mm(figure) for figure in figures))
+    units = dict.fromkeys(row.unit for _, before, _ in rows for row in before.values())
+    return titled(f"Distance from measured to predicted{' spot' if spots else ''}, in {' and '.join(units) or 'mm'}", table)
+
+
+def parameter_table(calibration: FitResult) -> RenderableType:
+    """Value and sigma of every parameter, or that the data did not determine it."""
+    table = figures_table("parameter")
+    table.add_column("value ± sigma", justify="right")
+    table.add_column("unit")
+    rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
+    for parameter, value, sigma, determined in rows:
+        if parameter.kind in INSTRUMENTS:  # frames have a table of their own; places in the room are nobody's errors
+            continue
+        unit, size = displayed(parameter.unit)
+        table.add_row(
+            parameter.name, value_and_sigma(value / size, sigma / size) if determined else "not determined", unit if determined else ""
+        )
+    return titled("Estimated errors", table)
+
+
+def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
+    """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
+    rows, corrected = list(rows), None if corrected is None else list(corrected)
+    tilts, slides = (
+        any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])),
+        any(abs(row.slide) > 1e-9 for row in rows + (corrected or [])),
+    )
+    names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
+    table = figures_table("joint")
+    for name in names:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(row.name, *_dh_cells(row, tilts, slides))
+    if corrected is not None:
+        table.add_section()
+        for row in corrected:
+            table.add_row(f"{row.name} (corrected)", *_dh_cells(row, tilts, slides))
+    form = f"Trans(x,a) Trans(z,d) Rot(x,alpha) {'Rot(y,beta) ' if tilts else ''}Rot(z,theta)"
+    return titled(f"D-H table at q = 0: {form}", table)
+
+
+def dh_json(rows: Iterable[DhRow]) -> list[dict[str, Any]]:
+    """The D-H table in metres and radians."""
+    names = ("name", "a", "d", "alpha", "beta", "theta", "slide")
+    return [{name: getattr(row, name) for name in names} for row in rows]
+
+
+def carried_lines(carried: Mapping[str, str]) -> list[str]:
+    """`carried by the screen: joint1.d_a, joint1.d_alpha`, a line a carrier."""
+    by_carrier: dict[str, list[str]] = {}
+    for name, carrier in carried.items():
+        by_carrier.setdefault(carrier, []).append(name)
+    return [f"carried by {carrier}: {', '.join(names)}" for carrier, names in by_carrier.items()]
+
+
+def calibration_json(calibration: FitResult) -> dict[str, Any]:
+    """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
+    noise = calibration.estimate.noise
+    return {
+        "converged": calibration.converged,
+        "stop": calibration.stop_reason,
+        "rejected": calibration.rejection or None,
+        "iterations": len(calibration.estimate.history) - 1,
+        "rank": calibration.identifiability.rank,
+        "estimator": calibration.estimator,
+        "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
+        "noise": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
+        "frames": frame_entries(calibration),
+        "places": place_entries(calibration),
+        "lengths": length_entries(calibration),
+        "spot_sigma_stated": noise.all_stated,
+        "extra_noise": dict(calibration.extra_noise),
+        "chi_squared_per_degree_of_freedom": calibration.chi_squared,
+        "parameters": parameter_entries(calibration),
+        "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
+        "correlated": [list(group) for group in strongly_correlated(calibration)],
+        "carried": dict(calibration.errors.carried),
+        "before": table_json(calibration.before),
+        "after": table_json(calibration.after),
+        "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
+        "prior_scales": None if calibration.evidence is None else dict(calibration.evidence.scales),
+        "outliers": [asdict(outlier) for outlier in calibration.outliers],
+        "test_outliers": [asdict(outlier) for outlier in calibration.test_outliers],
+        "warnings": list(calibration.warnings),
+    }
+
+
+def table_json(table: SpotTable) -> dict[str, Any]:
+    """A spot table for machines."""
+    return {name: row.entry() for name, row in table.items()}
+
+
+def _headline(calibration: FitResult) -> str:
+    data = calibration.data
+    sweeps = len(calibration.estimate.history) - 1
+    verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
+    chosen = calibration.evidence
+    scales = "" if chosen is None else "\n" + _scales(chosen)
+    return (
+        f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {len(data)} poses with {data.summary}\n"
+        f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
+        f"{noise_in_words(calibration)}, chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
+    )
+
+
+def _frames(calibration: FitResult) -> list[RenderableType]:
+    """Where measuring frames and targets were found."""
+    entries = frame_entries(calibration)
+    if not entries:
+        return []
+    table, turned = figures_table("frame", "on link"), any(entry["rotation_sigma"] is not None for entry in entries)
+    table.padding = (0, 1, 0, 0)  # the default spares no room for long names
+    names = ("x\nmm", "y\nmm", "z\nmm", "sigma\nmm", *(("roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\ndeg") if turned else ()))
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    for entry in entries:
+        lengths = [*(f"{length / MM:.2f}" for length in entry["xyz"]), f"{entry['sigma'] / MM:.2g}"]
+        whole = entry["rotation_sigma"] is not None
+        angles = (
+            [*(f"{angle / DEG:.3f}" for angle in entry["rpy"]), f"{entry['rotation_sigma'] / DEG:.2g}"] if whole else [""] * (4 * turned)
+        )
+        table.add_row(entry["name"], entry["link"], *lengths, *angles)
+    return ["", titled("Frames found with the fit", table)]
+
+
+def _scales(chosen: Evidence) -> str:
+    mm, mrad = chosen.scales["translation"] / MM, 1e3
+    return (
+        f"priors chosen by evidence: joint translations {mm:.2g} mm, rotations {chosen.scales['rotation'] * mrad:.2g} mrad, "
+        f"zeros {chosen.scales['zero'] * mrad:.2g} mrad"
+    )
+
+
+def _outliers(calibration: FitResult) -> list[RenderableType]:
+    lines = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.outliers]
+    tested = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.test_outliers]
+    blocks: list[RenderableType] = ["", "Left out or mended as outliers:", *lines] if lines else []
+    return [*blocks, "", "Left out of the test table as gross outliers:", *tested] if tested else blocks
+
+
+def _undecided(calibration: FitResult) -> list[RenderableType]:
+    units, lines = dict(zip(calibration.errors.names, calibration.errors.units, strict=True)), []
+    alone = dict(zip(calibration.errors.names, calibration.identifiability.determined, strict=True))
+    for combination in combinations_of_robot(calibration):
+        if combination.determined and len(combination.terms) > 1 and not all(alone[name] for name in combination.terms):
+            unit, size = _display_of({units[name] for name in combination.terms})
+            lines.append(f"  only {combination.words()} = {value_and_sigma(combination.value / size, combination.sigma / size)} {unit}")
+    more = [f"  and {len(lines) - _MOST_SUMS} more (--json has all)"] if len(lines) > _MOST_SUMS else []
+    return ["", "Determined as sums alone:", *lines[:_MOST_SUMS], *more] if lines else []
+
+
+def _correlated(calibration: FitResult) -> list[RenderableType]:
+    lines = [f"  {', '.join(group)}" for group in strongly_correlated(calibration)]
+    heading = f"Linked by correlations above {STRONG:g}, so that their combinations are known better than each alone:"
+    return ["", heading, *lines] if lines else []
+
+
+def strongly_correlated(calibration: FitResult) -> list[tuple[str, ...]]:
+    """Groups of parameters that hang together by correlations above STRONG; frames, targets and places are nobody's errors."""
+    own = [index for index, parameter in enumerate(calibration.errors.parameters) if parameter.kind not in INSTRUMENTS]
+    names, covariance = [calibration.errors.names[index] for index in own], calibration.covariance[np.ix_(own, own)]
+    return correlated_groups(names, covariance, STRONG) if (np.diag(covariance) > 0).all() else []
+
+
+def combinations_of_robot(calibration: FitResult) -> list[Combination]:
+    """What the data decided of the robot's own errors: combinations of frames, targets and places alone are left out."""
+    own = {parameter.name for parameter in calibration.errors.parameters if parameter.kind not in INSTRUMENTS}
+    return [combination for combination in calibration.identifiability.combinations if not own.isdisjoint(combination.terms)]
+
+
+def _carried(carried: Mapping[str, str]) -> list[RenderableType]:
+    lines = [f"  {line}" for line in carried_lines(carried)]
+    return ["", "Not in the state, since no measurement could tell them from others:", *lines] if lines else []
+
+
+def _dh_cells(row: DhRow, tilts: bool, slides: bool) -> list[str]:
+    cells = [_fixed(row.a / MM), _fixed(row.d / MM), _fixed(row.alpha / DEG)]
+    cells += [_fixed(row.beta / DEG)] if tilts else []
+    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM) if row.slide else ""] if slides else [])]
+
+
+def _fixed(value: float) -> str:
+    text = f"{value:.4f}"
+    return "0.0000" if text == "-0.0000" else text
+
+
+def _mm(value: float) -> str:
+    return f"{value:.3f}" if value < 100 else f"{value:.1f}"
+
+
+def _display_of(units: set[str]) -> tuple[str, float]:
+    return displayed(units.pop()) if len(units) == 1 else ("(m and rad)", 1.0)

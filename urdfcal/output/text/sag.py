@@ -1,0 +1,126 @@
+"""What gravity does to a robot, in words, figures and for machines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urdfcal.base.geometry import MM, Matrix
+from urdfcal.base.rotations import skew
+from urdfcal.base.terminal import figures_table, titled
+from urdfcal.calibration.analysis.sag import SagFit
+from urdfcal.calibration.problem import SpotModel
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+
+_MRAD = 1e-3
+_WORTH_IT = 3.0  # of log evidence, under which sag explains nothing
+_NO_GAIN = 0.99  # of the held-out error, above which it gains nothing
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """What one joint does under gravity, at the poses that were fitted.
+
+    Attributes:
+        joint: Its name.
+        mrad: Its largest deflection, all axes together.
+        tool_mm: How far the largest moves the module, or the farthest target.
+    """
+
+    joint: str
+    mrad: float
+    tool_mm: float
+
+
+def deflections(sag: SagFit) -> list[Deflection]:
+    """Largest deflection of every joint over the fitted poses."""
+    softness, data = sag.softness, sag.calibration.data
+    basis = softness.basis(data.q, data.payload, data.approach)
+    values = np.array([sag.soft_values[term.name][0] for term in softness.terms])
+    twists = _twists_at_tool(sag)
+    found = []
+    for joint in dict.fromkeys(term.joint for term in softness.terms):
+        own = [number for number, term in enumerate(softness.terms) if term.joint == joint]
+        angle = np.linalg.norm((basis * values)[:, own], axis=1)
+        moved = np.linalg.norm(twists[:, :3, own] @ values[own], axis=1)
+        found.append(Deflection(softness.chain.moving[joint].joint.name, float(angle.max()) / _MRAD, float(moved.max()) / MM))
+    return found
+
+
+def _twists_at_tool(sag: SagFit) -> Matrix:
+    """Motion of the module, or the farthest target, per unit of every soft parameter, at the fitted poses, (n, 6, terms)."""
+    model, errors, x = SpotModel(sag.errors, sag.calibration.data), sag.errors, sag.estimate.belief.x
+    rows, session = np.arange(len(model.data)), errors.sessions[0]
+    motion = model.motion(x, errors.placements(x, session), rows)
+    columns = [errors.names.index(term.name) for term in sag.softness.terms]
+    depths = [frame.depth for frame in errors.chain.frames]
+    point = motion.source[:, 0] if motion.source.shape[1] else motion.frames[int(np.argmax(depths))][:, :, 3]
+    twists = motion.jac1[:, :, columns]
+    return np.concatenate([twists[:, :3] - skew(point) @ twists[:, 3:], twists[:, 3:]], axis=1)
+
+
+def worth_it(sag: SagFit) -> bool:
+    """Whether a compensation would be worth its trouble: the data ask for it, and poses that were not fitted gain by it."""
+    return sag.gain > _WORTH_IT and (sag.held_out is None or sag.held_out.weighed < _NO_GAIN)
+
+
+def sag_words(sag: SagFit) -> str:
+    """What sag gains, in a line."""
+    kind = "generic masses" if sag.softness.weighed.generic else "the URDF's masses"
+    direction = ", ".join(f"{part:.3g}" for part in sag.gravity.direction)
+    head = f"gravity along ({direction}) of '{sag.calibration.robot.tree.root}', {kind}"
+    if sag.held_out is None:
+        return f"{head}: log evidence {sag.gain:+.0f}"
+    left, what = sag.held_out, " and ".join(("sag", *sag.kept))
+    return (
+        f"{head}: held-out poses ({left.folds}-fold) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
+        f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
+    )
+
+
+def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
+    """For people.
+
+    Args:
+        sag: The joint fit.
+        written: The compensation that was written, if one was.
+    """
+    blocks: list[RenderableType] = ["", f"Sag: {sag_words(sag)}"]
+    if sag.dropped:
+        blocks.append(f"left out, since the data do not ask for it: {', '.join(sag.dropped)}")
+    if "approach" in sag.kept:
+        blocks.append("what the approach explains can be made up for only where control code tells each joint's last move (approach=...)")
+    if not worth_it(sag):
+        blocks.append("  not worth a compensation" + (", which was written all the same" if written else ""))
+        if not written:
+            return blocks
+    table = figures_table("joint")
+    for name in ("largest deflection\nmrad", "moves the tool by\nmm"):
+        table.add_column(name, justify="right")
+    for each in deflections(sag):
+        table.add_row(each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}")
+    said = f"written to {written}" if written else "not in the URDF, which is that of geometry alone; --compensation FILE.yaml writes it"
+    return [*blocks, "", titled(f"Deflections at the fitted poses ({said})", table)]
+
+
+def sag_json(sag: SagFit) -> dict[str, Any]:
+    """For machines; SI but for names that say otherwise."""
+    held = sag.held_out
+    return {
+        "gravity": list(sag.gravity.direction),
+        "payloads_kg": dict(sag.gravity.payloads),
+        "masses": "generic" if sag.softness.weighed.generic else "urdf",
+        "log_evidence_gain": sag.gain,
+        "held_out": None if held is None else {f"geometry_{held.unit}": held.geometry, f"sag_{held.unit}": held.sag, "folds": held.folds},
+        "parameters": [{"name": name, "value": value, "sigma": sigma, "unit": "rad"} for name, (value, sigma) in sag.soft_values.items()],
+        "deflections": [{"joint": each.joint, "mrad": each.mrad, "tool_mm": each.tool_mm} for each in deflections(sag)],
+        "worth_it": worth_it(sag),
+        "kept": list(sag.kept),
+        "dropped": list(sag.dropped),
+        "warnings": list(sag.warnings),
+    }

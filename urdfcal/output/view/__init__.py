@@ -1,0 +1,1 @@
+"""Robot, beams, screen and readings in a meshcat tab."""

@@ -1,0 +1,222 @@
+"""The page: meshcat's viewer, the scene as its commands, the legend, and where to look from, all in one file.
+
+From where to look, so that robot, beams and screen are seen at first sight and the robot hides few of the spots.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from html import escape
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
+from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
+from urdfcal.output.view.legend import panel_html, pose_entries
+from urdfcal.output.view.marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
+from urdfcal.output.view.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
+from urdfcal.output.view.motion import draw_motion, draw_pose_marks
+from urdfcal.output.view.recorder import Recorder
+from urdfcal.output.view.scene import Scene, Sheet, frame_placements, screen_placements
+from urdfcal.output.view.shapes import Shapes
+from urdfcal.output.view.style import SCRIPT, STYLE
+from urdfcal.output.view.target_marks import draw_pose_targets, draw_targets
+from urdfcal.robot.configurations import whole_configurations
+from urdfcal.robot.robot import Robot
+
+_MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
+_NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
+_GHOST_OPACITY = 0.3
+_LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
+_TEMPLATE = """<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title><link rel="icon" href="data:,">
+<style>{style}</style></head>
+<body>
+<div id="meshcat-pane"></div>
+{panel}
+<div id="trouble"></div>
+<script type="application/json" id="urdfcal-config">{config}</script>
+<script type="text/plain" id="urdfcal-scene">{scene}</script>
+<script>{meshcat}</script>
+<script>{script}</script>
+</body>
+</html>
+"""
+
+_AZIMUTHS = tuple(angle * DEG for angle in (-60, -50, -40, -30, 30, 40, 50, 60))  # from the screen's normal
+_ELEVATIONS = tuple(angle * DEG for angle in (14, 22, 32))
+_THICK = 0.09  # [m] from the robot's middle within which it hides what is behind
+_DISTANCE = 3.0  # times the size of the scene: the camera's distance while we choose
+_PREFERRED = 42 * DEG  # neither along the screen, where spots are slim, nor along the beams, which are not seen then
+
+
+def page_of(scene: Scene, shapes: Shapes) -> str:
+    """The whole scene as one page that needs no network."""
+    keys = key_frames(scene)
+    entries = pose_entries(scene, keys.rows)
+    options = "".join(f"<option>{escape(str(entry['label']))}</option>" for entry in entries)
+    return _TEMPLATE.format(
+        title=escape(f"{scene.robot.name} - urdfcal view"),
+        style=STYLE,
+        panel=panel_html(scene, len(keys.rows)).replace("%POSES%", options),
+        config=_json({"poses": entries, "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}),
+        scene=_drawn(scene, shapes, keys).packed(),
+        meshcat=VIEWER_SCRIPT.read_text("utf-8"),
+        script=SCRIPT,
+    )
+
+
+def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
+    recorder = Recorder()
+    tab = recorder.visualizer()
+    tab["/Background"].set_property("top_color", [1.0, 1.0, 1.0])
+    tab["/Background"].set_property("bottom_color", [0.88, 0.9, 0.92])
+    for own in ("/Grid", "/Axes"):
+        tab[own].set_property("visible", False)
+    for light, intensity in _LIGHTS.items():
+        tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
+    robot = _Display(scene.solid.model, None, shapes.model)
+    robot.initViewer(viewer=tab)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
+        warnings.simplefilter("ignore", FutureWarning)
+        robot.loadViewerModel("solid")
+    robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
+    if scene.data.lasers:
+        draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
+        draw_spots(tab["screen/spots"], scene)
+        draw_all_beams(tab["screen/beams"], scene)
+        draw_pose_marks(tab["screen/pose"], scene)
+    if scene.targets:
+        draw_targets(tab["frame/marks"], scene)
+        draw_pose_targets(tab["frame/pose"], scene)
+    clips = draw_motion(tab, scene, shapes, keys)
+    if len(keys.rows) > 1:
+        recorder.send(SetClips(clips))
+    return recorder
+
+
+class _Display(MeshcatVisualizer):  # type: ignore[misc]
+    """Pinocchio's display, which leaves out a Collada mesh whose texture is missing; here it is drawn without colours."""
+
+    def loadMeshFromFile(self, geometry_object: Any) -> Any:
+        try:
+            return super().loadMeshFromFile(geometry_object)
+        except (UserWarning, OSError, ValueError, SyntaxError):  # SyntaxError: XML that is not well-formed
+            mesh = loadMesh(geometry_object.geometry)
+            mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
+            return mesh
+
+
+def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
+    names = [shape.name for shape in shapes.model.geometryObjects] if scene.calibrated is not None else []
+    return {"names": names, "color": NOMINAL, "opacity": _GHOST_OPACITY}
+
+
+def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
+    """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet, lasers and targets in all."""
+    whole = whole_configurations(scene.solid, q[None])
+    rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
+    every = whole_configurations(scene.solid, scene.data.q[rows])
+    robot = shapes.corners(scene.solid, whole[0])
+    targets = _targets_in_root(scene, rows, every)
+    if scene.data.lasers:
+        normal, seen, spots = _screen_in_root(scene, rows, every)
+    else:
+        middle = (targets if len(targets) else robot).mean(axis=0)
+        normal, seen, spots = middle - _base(scene.solid, whole[0]), [], targets
+    points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
+    direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
+    return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _screen_in_root(scene: Scene, rows: Rows, every: Matrix) -> tuple[Vector, list[Matrix], Matrix]:
+    """Normal of the screen towards the lasers, what belongs to it at some poses, and the spots."""
+    placed = screen_placements(scene.solid, every)
+    corners, sources = _with_numbers(scene.sheet), scene.shown.source
+    seen = [_in_root(T, np.concatenate([corners, sources[row]])) for T, row in zip(placed, rows, strict=True)]
+    held = scene.data.spots[scene.data.seen] if scene.data.seen.any() else scene.shown.spots[scene.shown.meets]
+    spots = _in_root(placed[0], np.column_stack([np.zeros(len(held)), held]))
+    return placed[0].rotation[:, 0] * scene.side, seen, spots
+
+
+def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
+    """Where targets were read at some poses, and the measuring frame where it is near, (k, 3)."""
+    if not scene.targets:
+        return np.empty((0, 3))
+    found = []
+    for T, row in zip(frame_placements(scene.targets[-1], every, scene.data.q[rows]), rows, strict=True):
+        own = np.array([mark.read[row] for mark in scene.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
+        near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * scene.width
+        found.append(_in_root(T, np.concatenate([own, np.zeros((int(near.any()), 3))])))
+    return np.concatenate(found)
+
+
+def _with_numbers(sheet: Sheet) -> Matrix:
+    """The corners of the sheet with the numbers along its edges, (4, 3), in screen axes, [m]."""
+    (left, low), (right, high) = sheet.low - 0.1 * sheet.size, sheet.high + np.array([0.01, 0.09]) * sheet.size
+    return np.array([[0.0, y, z] for y in (left, right) for z in (low, high)])
+
+
+def _in_root(T_root_screen: SE3, points: Matrix) -> Matrix:
+    return np.asarray(points @ T_root_screen.rotation.T + T_root_screen.translation)
+
+
+def _base(robot: Robot, q: Vector) -> Vector:
+    """Where the first moving joint stands."""
+    return np.asarray(_skeleton(robot, q)[0])
+
+
+def _skeleton(robot: Robot, q: Matrix) -> Matrix:
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    joints = [robot.model.getJointId(step.joint.name) for step in robot.chain.moving]
+    return np.asarray([data.oMi[joint].translation for joint in joints])
+
+
+def _json(content: Any) -> str:
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def choose_direction(normal: Vector, spots: Matrix, skeleton: Matrix, points: Matrix) -> Vector:
+    """Look from the lasers' side of the screen and a little from above.
+
+    Args:
+        normal: Of the screen, towards the lasers, in the root's axes.
+        spots: (s, 3), [m]: what should not be hidden.
+        skeleton: Line through the robot, (k, 3), [m].
+        points: What is to be in the picture, (n, 3), [m].
+
+    Returns:
+        Unit vector from the scene to the camera.
+    """
+    up = np.array([0.0, 0.0, 1.0])
+    front = normal - up * (normal @ up)
+    front = front / np.linalg.norm(front) if np.linalg.norm(front) > 0.1 else np.array([1.0, 0.0, 0.0])
+    across = np.cross(up, front)
+    size = float(np.ptp(points, axis=0).max())
+    best, found = -np.inf, front
+    for azimuth in _AZIMUTHS:
+        for elevation in _ELEVATIONS:
+            flat = np.cos(azimuth) * front + np.sin(azimuth) * across
+            direction = np.cos(elevation) * flat + np.sin(elevation) * up
+            eye = points.mean(axis=0) + _DISTANCE * size * direction
+            open_share = 1.0 - float(np.mean(_hidden(eye, spots, skeleton))) if len(spots) else 1.0
+            score = open_share - 1.0 * (abs(azimuth) - _PREFERRED) ** 2 - 0.2 * (elevation - _ELEVATIONS[1]) ** 2
+            if score > best + 1e-9:
+                best, found = score, direction
+    return found
+
+
+def _hidden(eye: Vector, spots: Matrix, skeleton: Matrix) -> Mask:
+    """Which spots lie behind the robot, (s,)."""
+    line = np.concatenate([np.linspace(a, b, 12) for a, b in pairwise(skeleton)] or [skeleton])
+    rays = spots - eye
+    along = np.einsum("sj,kj->sk", rays, line - eye) / np.sum(rays**2, axis=1)[:, None]
+    off = np.linalg.norm((line - eye)[None] - along[..., None] * rays[:, None], axis=-1)
+    return np.asarray(((off < _THICK) & (along < 1)).any(axis=1))

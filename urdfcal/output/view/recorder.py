@@ -1,0 +1,57 @@
+"""meshcat without its server: what the viewer is told is kept here, and goes into a page whole.
+
+meshcat's own server listens on every network interface and needs a process of its own; the page needs neither.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+from typing import Any
+
+from urdfcal.output.view.meshcat_parts import Visualizer, umsgpack
+
+_REFERENCES = {"uuid", "geometry", "material", "map", "image"}
+
+
+class Recorder:
+    """Stands in for meshcat's window: keeps every command, packed as meshcat's viewer reads it; an animation as JSON."""
+
+    def __init__(self) -> None:
+        self._commands: list[bytes] = []
+        self._names: dict[str, str] = {}
+
+    def send(self, command: Any) -> None:
+        """Keep one command."""
+        data = command.lower()
+        for geometry in data.get("object", {}).get("geometries", []) if data["type"] == "set_object" else []:
+            if geometry["type"] == "_meshfile":  # the viewer calls this spelling of meshcat's Python side deprecated
+                geometry["type"] = "_meshfile_geometry"
+        if data["type"] == "set_animation":  # a hundred thousand numbers: JSON's C code is far quicker than msgpack's Python
+            self._commands.append(json.dumps(data, separators=(",", ":")).encode())
+        else:
+            self._commands.append(umsgpack.packb(self._renamed(data)))
+
+    def visualizer(self) -> Any:
+        """Meshcat's Visualizer that draws into this."""
+        return Visualizer(window=self)
+
+    def packed(self) -> str:
+        """All commands, each behind its length in four bytes, compressed, in base64."""
+        content = b"".join(len(command).to_bytes(4, "little") + command for command in self._commands)
+        return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+
+    def _renamed(self, data: Any) -> Any:
+        """The same with short names for meshcat's uuids, which hold the machine's address and the time: one scene, one page."""
+        if isinstance(data, dict):
+            return {
+                key: self._short(value) if key in _REFERENCES and isinstance(value, str) else self._renamed(value)
+                for key, value in data.items()
+            }
+        if isinstance(data, list) and data and isinstance(data[0], dict):
+            return [self._renamed(entry) for entry in data]
+        return data
+
+    def _short(self, name: str) -> str:
+        return self._names.setdefault(name, str(len(self._names)))

@@ -1,0 +1,174 @@
+"""The meshcat tab: robot, beams and screen or targets, measured and predicted, as a page of its own, a server, or a notebook's cell.
+
+view = urdfcal.viewer.view_of(robot, data, calibrated)
+view.write_html("view.html"); view.serve(); view          # the last line of a notebook's cell shows it
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.files import write_whole
+from urdfcal.calibration.reach import draw_poses
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.options import ModelOptions
+from urdfcal.output.view.scene import Scene
+from urdfcal.output.view.server import PageServer
+from urdfcal.output.view.shapes import Shapes, robot_shapes
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.rig import Instruments, Target, lasers_by_name
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements, as_measured, as_spots, in_pixels, measurements_from, require_screen_of_camera
+
+_DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
+
+
+@dataclass(frozen=True, repr=False)
+class View:
+    """A scene that can be looked at.
+
+    Attributes:
+        scene: What there is to see.
+        warnings: What the user ought to know.
+    """
+
+    scene: Scene
+    shapes: Shapes
+    warnings: tuple[str, ...] = ()
+
+    @cached_property
+    def html(self) -> str:
+        """One page that needs nothing else, no network either."""
+        from urdfcal.output.view.page import page_of
+
+        return page_of(self.scene, self.shapes)
+
+    def write_html(self, path: str | Path) -> None:
+        """Write the page, whole or not at all."""
+        write_whole(path, self.html.encode())
+
+    def serve(self, port: int = 7000, host: str = "127.0.0.1") -> PageServer:
+        """Serve the page from now on, on this port or the next free one; its `url` is where, and it stops at `close()`."""
+        return PageServer(self.html.encode(), host, port)
+
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds meshes and every pose."""
+        robots = "before and after" if self.scene.calibrated is not None else "as its URDF has it"
+        poses = "1 pose" if len(self.scene.data) == 1 else f"{len(self.scene.data)} poses"
+        return f"<{type(self).__name__} of {self.scene.robot.name}, {robots}: {poses}; .serve() or .write_html(FILE) to look at it>"
+
+    def _repr_html_(self) -> str:
+        """In a notebook."""
+        frame = "width: 100%; height: 640px; border: 1px solid #d5dade; border-radius: 6px"
+        return f'<iframe title="urdfcal view" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
+
+
+def view_of(
+    robot: Robot,
+    data: Measurements | None = None,
+    calibrated: Robot | None = None,
+    magnify: float | None = None,
+    options: ModelOptions | None = None,
+) -> View:
+    """Put robot, beams, screen, spots and targets into a scene.
+
+    Args:
+        robot: As its URDF has it.
+        data: What was measured; without it, one pose is shown, with every beam on the screen if there is such a pose.
+        calibrated: The same robot as it was found to be.
+        magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
+        options: Of which only what concerns the instruments matters, as for `evaluate`.
+
+    Raises:
+        ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
+        UsageError: the magnification is not above zero, or targets cannot be placed.
+    """
+    if magnify is not None and not 0 < magnify < np.inf:
+        raise UsageError(f"the magnification must be above zero, found {magnify:g}")
+    said: list[str] = []
+    if data is not None:
+        data = _drawable(data)
+        robot, calibrated = as_measured(robot, data), as_measured(calibrated, data) if calibrated is not None else None
+    elif not (robot.lasers or robot.instruments.targets or lasers_by_name(robot.tree)):
+        robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
+    rows = _one_pose(robot) if data is None else data
+    _check(robot, calibrated, rows)
+    if len(rows.session_names) > 1 and (calibrated is not None or rows.readings):
+        first = rows.session_names[0]
+        left_out = int(np.count_nonzero(rows.sessions != first))
+        rows = rows.subset(rows.sessions == first)
+        whose = "the calibrated robot has the screen" if not rows.readings else "the scene has the measuring frame"
+        said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
+    scene = Scene(robot, calibrated, rows, magnify, options)
+    shapes = robot_shapes(scene.solid)
+    return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
+
+
+def _to_its_tip(robot: Robot) -> Robot:
+    """A robot that nothing measures: the joints to the link that most of them move are those that count."""
+    tip = max(robot.tree.links, key=lambda link: sum(joint.moves for joint in robot.tree.path_from_root(link)))
+    return robot.seen_by(Instruments((Target(tip, tip),)), ())
+
+
+def _drawable(data: Measurements) -> Measurements:
+    """The same with spots in pixels where the camera has them on the screen."""
+    if not in_pixels(data):
+        return data
+    require_screen_of_camera(data)
+    return replace(as_spots(data), readings=tuple(each for each in data.readings if not data.of_laser(each)), lengths=data.lengths)
+
+
+def _missing(scene: Scene) -> list[str]:
+    if not scene.data.lasers:
+        return []
+    lost = scene.data.seen & ~scene.shown.meets
+    if not lost.any():
+        return []
+    pose, laser = np.argwhere(lost)[0]
+    return [
+        f"{scene.data.where(int(pose))}: {scene.data.lasers[laser]} was seen, but in the robot that is drawn its beam misses the screen "
+        f"({np.count_nonzero(lost)} such spots)"
+    ]
+
+
+def _overlong(scene: Scene) -> list[str]:
+    most = scene.most_magnification
+    if scene.magnify is None or scene.magnify <= most:
+        return []
+    decade = 10.0 ** np.floor(np.log10(most))
+    fits, over = float(np.floor(most / decade) * decade), scene.magnify / most
+    return [
+        f"arrows {scene.magnify:g} times longer than the errors are up to {over:.1f} times as long as the scene; "
+        f"up to {fits:g} times they fit"
+    ]
+
+
+def _check(robot: Robot, calibrated: Robot | None, data: Measurements) -> None:
+    if (data.joints, data.lasers) != (robot.chain.input_names, robot.rig.lasers):
+        raise ShapeMismatch(f"the measurements are of {', '.join((*data.joints, *data.lasers))}; the robot has {_inputs(robot)}")
+    if calibrated is not None and _inputs(calibrated) != _inputs(robot):
+        raise ShapeMismatch(
+            f"{calibrated.description.label}: has {_inputs(calibrated)}; the robot it is compared with has {_inputs(robot)}"
+        )
+
+
+def _inputs(robot: Robot) -> str:
+    return ", ".join((*robot.chain.input_names, *robot.rig.lasers))
+
+
+def _one_pose(robot: Robot) -> Measurements:
+    """A pose with nothing measured: near the middle of the limits, and one at which all beams meet the screen, if that is found."""
+    limits = joint_limits(robot)
+    middle, half = limits.mean(axis=0), np.maximum(np.ptp(limits, axis=0) / 2, 1e-9)
+    try:
+        drawn = draw_poses(robot, ErrorModel(robot.chain, (), ()), np.empty(0), _DRAWN, np.random.default_rng(0))
+    except UsageError:
+        drawn = middle[None]
+    q = drawn[np.argmin(np.linalg.norm((drawn - middle) / half, axis=1))][None]
+    return measurements_from(robot, q, np.full((1, len(robot.rig.lasers), 2), np.nan), poses=["shown"])

@@ -1,1 +1,0 @@
-"""What a report of a calibration says, and its page, Markdown and pictures."""

@@ -1,0 +1,1 @@
+"""A robot's description: read, walked, and written back byte by byte."""

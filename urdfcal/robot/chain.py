@@ -1,0 +1,249 @@
+"""The joints on the way from the screen to the module, as one serial arm that stands on the screen.
+
+A joint that carries the screen is walked against its direction: its motion, its perturbation and its origin are inverted, in that
+order. So a screen on the wall and a screen in the gripper are the same case to everything that follows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.base.errors import RigError
+from urdfcal.base.geometry import SE3, Matrix, Vector, X, Y, Z
+from urdfcal.robot.rig import Rig
+from urdfcal.robot.urdf_tree import UrdfJoint, UrdfTree
+
+
+@dataclass(frozen=True)
+class Step:
+    """One joint of the way; `forward` when walked from parent to child."""
+
+    joint: UrdfJoint
+    forward: bool
+
+
+@dataclass(frozen=True)
+class Bend:
+    """An axis about which a moving joint gives way, in its own frame behind its motion.
+
+    Attributes:
+        joint: Index of the moving joint on the way.
+        axis: Unit vector, across the joint's own axis.
+    """
+
+    joint: int
+    axis: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ModelLayout:
+    """Which joints of a chain's Pinocchio model are what; indices as Pinocchio counts, 0 being the screen.
+
+    Attributes:
+        first: Per moving joint, the one that carries its placement.
+        motion: Per moving joint, the one that is its motion.
+        last: Per moving joint, the one behind which its body follows.
+        bends: Per bend, its joint.
+    """
+
+    first: list[int]
+    motion: list[int]
+    last: list[int]
+    bends: list[int]
+
+
+@dataclass(frozen=True)
+class ChainFrame:
+    """A frame that is rigidly joined to a body of the way: a target, or the frame that targets are seen in.
+
+    Attributes:
+        name: Of the target, or of the reference link.
+        depth: How many moving joints of the way have been passed when its body is reached.
+        steps: Joints from behind the last motion to its link; the first one may be the moving joint, walked against its direction.
+        at: Where it is on what is placed on the link: a corner on its board, [m].
+    """
+
+    name: str
+    depth: int
+    steps: tuple[Step, ...]
+    at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The way from screen to module and on to the lasers.
+
+    Attributes:
+        steps: Every joint between screen and module, screen first.
+        laser_joints: For each laser, the fixed joints from the module to it.
+        inputs: The joints that a measurement states, in order of the way; mimic joints are replaced by their leaders.
+        coupling: (inputs, moving): chain positions are `q @ coupling + offset`; -1 where a joint is walked backward.
+        offset: (moving,), from mimic joints.
+        frames: The frame that targets are seen in, then the targets; empty where there are lasers alone.
+    """
+
+    steps: tuple[Step, ...]
+    laser_joints: tuple[tuple[UrdfJoint, ...], ...]
+    inputs: tuple[UrdfJoint, ...]
+    coupling: Matrix
+    offset: Vector
+    frames: tuple[ChainFrame, ...] = ()
+
+    @cached_property
+    def moving(self) -> tuple[Step, ...]:
+        """The steps that move, screen first."""
+        return tuple(step for step in self.steps if step.joint.moves)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the joints that a measurement states."""
+        return tuple(joint.name for joint in self.inputs)
+
+    @cached_property
+    def mount_joint(self) -> UrdfJoint | None:
+        """The module's own fixed joint, where the way leads over it."""
+        last = self.steps[-1]
+        return last.joint if last.forward and not last.joint.moves else None
+
+    @cached_property
+    def screen_joint(self) -> Step | None:
+        """The fixed joint nearest to the screen on the way to the first moving joint, if there is one."""
+        return self.steps[0] if not self.steps[0].joint.moves else None
+
+    @cached_property
+    def T_last_module(self) -> SE3:
+        """Placement of the module behind the last moving joint, as the URDF has it."""
+        placement = pin.SE3.Identity()
+        for step in self.steps:
+            if step.forward:
+                placement = placement * step.joint.origin
+            if step.joint.moves:
+                placement = pin.SE3.Identity()
+            if not step.forward:
+                placement = placement * step.joint.origin.inverse()
+        return placement
+
+    def laser_axes(self, laser: int) -> Matrix:
+        """Axes of a laser in the module's, as the URDF has them, (3, 3); its beam is the third."""
+        rotation = np.eye(3)
+        for joint in self.laser_joints[laser]:
+            rotation = rotation @ joint.origin.rotation
+        return rotation
+
+    def branches(self) -> list[list[UrdfJoint]]:
+        """The moving joints in their URDF direction: those that carry the screen, then those that carry the module."""
+        backward = [step.joint for step in self.moving if not step.forward][::-1]
+        forward = [step.joint for step in self.moving if step.forward]
+        return [branch for branch in (backward, forward) if branch]
+
+    def new_model(self, bends: Sequence[Bend] = ()) -> tuple[Any, ModelLayout]:
+        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen.
+
+        Args:
+            bends: Axes about which joints give way; each becomes a joint of its own on the far side of its joint's motion.
+        """
+        model, first, motion, last, bend = pin.Model(), [], [], [], [0] * len(bends)
+        for index, step in enumerate(self.moving):
+            own = [number for number, each in enumerate(bends) if each.joint == index]
+            first.append(model.njoints)
+            for number in [None, *own] if step.forward else [*own[::-1], None]:
+                if number is None:
+                    motion.append(model.addJoint(model.njoints - 1, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name))
+                else:
+                    axis = pin.JointModelRevoluteUnaligned(np.array(bends[number].axis))
+                    bend[number] = model.addJoint(model.njoints - 1, axis, pin.SE3.Identity(), f"{step.joint.name}:{number}")
+            last.append(model.njoints - 1)
+        return model, ModelLayout(first, motion, last, bend)
+
+
+def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
+    """Lay out the way from the screen to the lasers.
+
+    Raises:
+        RigError: a joint on the way is of a kind that cannot be calibrated.
+    """
+    steps = _way(tree, rig)
+    for step in steps:
+        if step.joint.type in ("floating", "planar"):
+            raise RigError(
+                f"joint '{step.joint.name}' on the way from '{rig.screen}' to '{rig.module}' is {step.joint.type}; "
+                "expected revolute, continuous, prismatic or fixed joints",
+                tree.label,
+                step.joint.line,
+            )
+    moving = [step for step in steps if step.joint.moves]
+    leaders = [_leader(tree, step.joint) for step in moving]
+    inputs = {joint.name: joint for joint, _, _ in leaders}
+    coupling, offset = np.zeros((len(inputs), len(moving))), np.zeros(len(moving))
+    for column, (step, (joint, multiplier, shift)) in enumerate(zip(moving, leaders, strict=True)):
+        sign = 1.0 if step.forward else -1.0
+        coupling[list(inputs).index(joint.name), column] = sign * multiplier
+        offset[column] = sign * shift
+    lasers = tuple(tuple(_below(tree, rig.module, laser)) for laser in rig.lasers)
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, tuple(_frames(tree, rig, steps)))
+
+
+def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFrame]:
+    """The measuring frame and the targets, each on the body of the way that carries it.
+
+    Raises:
+        RigError: one of them is on no body of the way.
+    """
+    bodies: dict[str, tuple[int, str, tuple[Step, ...]]] = {tree.moving_link(rig.screen): (0, rig.screen, ())}
+    for depth, step in enumerate((step for step in steps if step.joint.moves), start=1):
+        link = step.joint.child if step.forward else step.joint.parent
+        bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
+    instruments = rig.instruments
+    named = [(instruments.reference, instruments.reference, (0.0, 0.0, 0.0))]
+    named += [(target.name, target.link, target.at) for target in instruments.targets]
+    for name, link, at in named if instruments.targets else ():
+        if tree.moving_link(link) not in bodies:
+            raise RigError(
+                f"'{link}' is not on the way from '{rig.screen}' to '{rig.module}'; targets and what they are measured from must lie "
+                "on one chain of joints; calibrate the branches one after the other",
+                tree.label,
+            )
+        depth, start, tail = bodies[tree.moving_link(link)]
+        yield ChainFrame(name, depth, (*tail, *_between(tree, start, link)), at)
+
+
+def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:
+    return _between(tree, rig.screen, rig.module)
+
+
+def _between(tree: UrdfTree, start: str, end: str) -> tuple[Step, ...]:
+    up, down = tree.path_from_root(start), tree.path_from_root(end)
+    shared = 0
+    while shared < min(len(up), len(down)) and up[shared] is down[shared]:
+        shared += 1
+    return tuple([Step(joint, forward=False) for joint in up[shared:][::-1]] + [Step(joint, forward=True) for joint in down[shared:]])
+
+
+def _below(tree: UrdfTree, ancestor: str, link: str) -> list[UrdfJoint]:
+    path = tree.path_from_root(link)
+    return path[len(tree.path_from_root(ancestor)) :]
+
+
+def _leader(tree: UrdfTree, joint: UrdfJoint) -> tuple[UrdfJoint, float, float]:
+    """The joint that drives this one, with the factor and the shift of its position."""
+    multiplier, shift = 1.0, 0.0
+    while joint.mimic is not None:
+        shift += multiplier * joint.mimic.offset
+        multiplier *= joint.mimic.multiplier
+        joint = tree.joints[joint.mimic.joint]
+    return joint, multiplier, shift
+
+
+def _joint_model(joint: UrdfJoint) -> Any:
+    axis = np.array(joint.axis)
+    kind = "P" if joint.prismatic else "R"
+    for letter, direction in zip("XYZ", (X, Y, Z), strict=True):
+        if np.array_equal(axis, direction):
+            return getattr(pin, f"JointModel{kind}{letter}")()
+    return pin.JointModelPrismaticUnaligned(axis) if joint.prismatic else pin.JointModelRevoluteUnaligned(axis)

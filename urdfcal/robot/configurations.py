@@ -1,0 +1,84 @@
+"""Positions of every joint of a robot from those of some: mimic joints follow, the rest stays at neutral."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.robot.robot import Robot
+
+_FREE_TURN = np.pi  # how far a continuous joint is turned either way
+
+
+def joint_limits(robot: Robot) -> Matrix:
+    """Lower and upper limits of the measured joints, (2, inputs); a continuous joint gets half a turn either way."""
+    pairs = [(-_FREE_TURN, _FREE_TURN) if joint.type == "continuous" else (joint.lower, joint.upper) for joint in robot.chain.inputs]
+    return np.array(pairs).T
+
+
+class WholeRobot:
+    """Configurations of a whole Pinocchio model; what depends on no pose is worked out once."""
+
+    def __init__(self, robot: Robot, joints: Sequence[str]) -> None:
+        """Prepare for positions of some joints.
+
+        Args:
+            robot: The robot.
+            joints: Names, in the order in which positions come; a mimic joint among them says nothing.
+        """
+        model, column = robot.model, {name: index for index, name in enumerate(joints)}
+        self.neutral = pin.neutral(model)
+        plain: list[tuple[int, int]] = []
+        turning: list[tuple[int, int]] = []
+        gains: list[Vector] = []
+        shifts: list[float] = []
+        for name in (joint.name for joint in robot.tree.joints.values() if joint.moves and model.existJointName(joint.name)):
+            leader, factor, shift = _leader(robot, name)
+            if leader not in column:
+                continue
+            index = model.getJointId(name)
+            (plain if model.nqs[index] == 1 else turning).append((len(gains), model.idx_qs[index]))
+            gains.append(np.eye(len(joints))[column[leader]] * factor)
+            shifts.append(shift)
+        self.gain, self.shift = np.array(gains).reshape(-1, len(joints)).T, np.array(shifts)
+        self.plain, self.turning = _pairs(plain), _pairs(turning)
+
+    def configurations(self, q: Matrix) -> Matrix:
+        """Configurations of the whole model.
+
+        Args:
+            q: Positions of the joints, (n, joints), [rad] or [m].
+
+        Returns:
+            (n, nq); a continuous joint has its cosine and sine.
+        """
+        whole, positions = np.repeat(self.neutral[None], len(q), axis=0), q @ self.gain + self.shift
+        whole[:, self.plain[1]] = positions[:, self.plain[0]]
+        if self.turning.size:
+            angles = positions[:, self.turning[0]]
+            whole[:, self.turning[1]], whole[:, self.turning[1] + 1] = np.cos(angles), np.sin(angles)
+        return whole
+
+
+def whole_configurations(robot: Robot, q: Matrix) -> Matrix:
+    """Configurations of the whole Pinocchio model, (n, nq), from positions of the measured joints, (n, inputs), [rad] or [m]."""
+    return WholeRobot(robot, robot.chain.input_names).configurations(q)
+
+
+def _pairs(pairs: Sequence[tuple[int, int]]) -> npt.NDArray[np.intp]:
+    """Columns and places in a configuration, (2, joints)."""
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+
+
+def _leader(robot: Robot, name: str) -> tuple[str, float, float]:
+    """The joint that drives this one, with the factor and the shift of its position."""
+    factor, shift, joint = 1.0, 0.0, robot.tree.joints[name]
+    while joint.mimic is not None:
+        shift += factor * joint.mimic.offset
+        factor *= joint.mimic.multiplier
+        joint = robot.tree.joints[joint.mimic.joint]
+    return joint.name, factor, shift

@@ -1,0 +1,1 @@
+"""What is measured: sensors with their Jac2, readings, and the measurements file."""

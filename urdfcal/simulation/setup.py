@@ -1,0 +1,231 @@
+"""Where everything stands that measures a simulated robot.
+
+Measuring frames, targets and places are put anywhere, rotations up to half a turn, since a fit finds them from nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from urdfcal.base.errors import UsageError, no_such
+from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
+from urdfcal.calibration.problem import seen_motion
+from urdfcal.calibration.reach import ScreenArea
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmKinematics, LaserMotion, motion_at
+from urdfcal.model.parameters import INSTRUMENTS
+from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.readings import STORED, Readings, instruments_of
+
+SENSOR_KINDS: dict[str, tuple[str, ...]] = {
+    "point": ("point",),
+    "pose": ("point", "orientation"),
+    "distance": ("distance",),
+    "plane": ("plane",),
+    "socket": ("socket",),
+}
+TOUCHES = ("plane", "socket")
+_FRAME_FAR, _TARGET_FAR, _WIRE_FAR = 1.0, 0.08, 1.0  # [m] how far instruments stand from what they are on, a standard deviation
+
+
+@dataclass(frozen=True)
+class SimulatedSensor:
+    """Something that reads a target.
+
+    Attributes:
+        kind: One of SENSOR_KINDS.
+        target: The target's name: its link, with `:<label>` behind it where there are several on one link.
+        link: The link that it is on.
+        places: How many planes or sockets it touches.
+    """
+
+    kind: str
+    target: str
+    link: str
+    places: int = 0
+
+
+@dataclass(frozen=True)
+class SimulatedSetup:
+    """A robot with known errors, and where everything stands that measures it.
+
+    Attributes:
+        robot: The nominal robot, seen by the instruments.
+        errors: Error model of the truth, its measuring frames, targets and planes where they are.
+        x: The truth, (p,), [m] and [rad].
+        sensors: What reads.
+        area: The screen, where there are lasers.
+    """
+
+    robot: Robot
+    errors: ErrorModel
+    x: Vector
+    sensors: tuple[SimulatedSensor, ...]
+    area: ScreenArea
+
+    def motion(self, q: Matrix, session: str) -> tuple[LaserMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
+        """Beams and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
+        errors = self.errors
+        arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
+        placed = errors.placements(self.x, session).still()
+        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
+        seen = {}
+        for index, frame in enumerate(self.errors.chain.frames[1:], start=1):
+            origin, axes, _, by_joint = seen_motion(self.errors, motion, placed, index)
+            seen[frame.name] = origin, axes, by_joint
+        return motion, seen
+
+    def place(self, name: str) -> Vector:
+        """The true numbers of a place that several poses share."""
+        return np.array([value for own, value in zip(self.errors.names, self.x, strict=True) if own.rpartition(".")[0] == name])
+
+    def entries(self) -> dict[str, Any]:
+        """Where everything stands, for a file: measuring frames, targets on their links, places in the measuring frame; SI."""
+        links = {sensor.target: sensor.link for sensor in self.sensors}
+        frames: dict[str, Any] = {}
+        for slot in self.errors.slots:
+            for session, placement in slot.found.items() if slot.kind == "reference" else list(slot.found.items())[:1]:
+                name = f"measuring frame {session}".strip() if slot.kind == "reference" else slot.label
+                xyz, rpy = xyz_rpy(placement)
+                frames[name] = {"link": links.get(slot.label, slot.label), "xyz": xyz.tolist(), "rpy": rpy.tolist()}
+        places = {}
+        for place in self.robot.instruments.places:
+            numbers, axes = self.place(place.name).tolist(), self.errors.planes.get(place.name)
+            places[place.name] = {"xyz": numbers} if axes is None else {"normal": axes[:, 0].tolist(), "offset": numbers[2]}
+        return {"frames": frames, "places": places} if places else {"frames": frames}
+
+
+def parse_sensors(words: Sequence[str], robot: Robot, places: int) -> tuple[tuple[SimulatedSensor, ...], bool]:
+    """The sensors that a command line names, and whether the robot's lasers are among them.
+
+    Raises:
+        UsageError: no such kind of sensor, or no such link.
+    """
+    return tuple(parse_sensor(word, robot, places) for word in words if word != "laser"), "laser" in words
+
+
+def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
+    """A sensor as the command line has it: `point:tool0`, `socket:tool0:ball`.
+
+    Raises:
+        UsageError: no such kind of sensor, or no such link.
+    """
+    kind, _, target = text.partition(":")
+    links = robot.tree.links
+    link = target if target in links else target.rpartition(":")[0] or target
+    if kind not in SENSOR_KINDS or not target:
+        raise UsageError(f"--sensor {text}: expected laser, or one of {', '.join(f'{known}:LINK' for known in SENSOR_KINDS)}")
+    if link not in links:
+        raise UsageError(f"--sensor {text}: {no_such('link', link, links)}")
+    return SimulatedSensor(kind, target, link, places if kind in TOUCHES else 0)
+
+
+def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str = "", lasers: bool = False) -> Robot:
+    """The robot as these sensors see it; with its lasers if they are wanted.
+
+    Raises:
+        RigError: a link is not there, or not where it can be.
+        UsageError: two sensors of one kind read the same target.
+    """
+    read = [(kind, sensor.target) for sensor in sensors for kind in SENSOR_KINDS[sensor.kind]]
+    if len(set(read)) < len(read):
+        raise UsageError("two sensors read the same of one target; tell targets on one link apart by a label, LINK:LABEL")
+    blank = [
+        _blank(sensor, kind, labels)
+        for sensor, labels in zip(sensors, place_labels(sensors), strict=True)
+        for kind in SENSOR_KINDS[sensor.kind]
+    ]
+    seen = robot.seen_by(instruments_of(blank, reference), robot.lasers if lasers else ())
+    seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
+    return seen
+
+
+def simulated_setup(
+    robot: Robot,
+    errors: ErrorModel,
+    x: Vector,
+    sensors: Sequence[SimulatedSensor],
+    rng: np.random.Generator,
+    *,
+    sessions: Sequence[str] = ("",),
+    reference_known: bool = False,
+    area: ScreenArea | None = None,
+) -> SimulatedSetup:
+    """Put measuring frames, targets and places somewhere; what the truth said of them is left out.
+
+    Args:
+        robot: Nominal robot, as the sensors see it.
+        errors: Error model of the truth, built for it.
+        x: Errors of joints, mount and screen, (p,).
+        sensors: What reads.
+        rng: Source of randomness.
+        sessions: Each has a measuring frame of its own.
+        reference_known: The measuring frame is the reference link's own.
+        area: The screen.
+    """
+    slots = []
+    for slot in errors.slots:
+        if slot.kind == "reference" and not reference_known:
+            slot = replace(slot, found={session: _somewhere(rng, _FRAME_FAR) for session in sessions})
+        elif slot.kind == "target":
+            placement = _somewhere(rng, _TARGET_FAR, turned=len(slot.names) == 6)
+            slot = replace(slot, found=dict.fromkeys(sessions, placement))
+        slots.append(slot)
+    beside = [parameter.kind in INSTRUMENTS for parameter in errors.parameters]
+    truth = np.where(beside, 0.0, errors.check(x))
+    errors = replace(errors, slots=tuple(slots), sessions=tuple(sessions))
+    return _with_places(SimulatedSetup(robot, errors, truth, tuple(sensors), area or ScreenArea()), rng)
+
+
+def place_labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
+    """Labels of each sensor's places, counted on over those of one kind."""
+    counts, labels = dict.fromkeys(SENSOR_KINDS, 0), []
+    for sensor in sensors:
+        first = counts[sensor.kind] + 1
+        labels.append(tuple(str(number) for number in range(first, first + sensor.places)))
+        counts[sensor.kind] += sensor.places
+    return labels
+
+
+def _blank(sensor: SimulatedSensor, kind: str, labels: Sequence[str]) -> Readings:
+    n = len(labels)
+    return Readings(kind, sensor.target, sensor.link, np.full((n, STORED[kind]), np.nan), np.array(labels, dtype=str), np.full(n, np.nan))
+
+
+def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3:
+    quaternion = rng.normal(0, 1, 4)
+    rotation = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix() if turned else np.eye(3)
+    return pin.SE3(rotation, rng.normal(0, far, 3))
+
+
+def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSetup:
+    """Sockets and planes where the target is at a random pose, ends of wires beside one."""
+    values, planes = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), {}
+    for sensor, labels in zip(setup.sensors, place_labels(setup.sensors), strict=True):
+        points = setup.motion(random_positions(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
+        if sensor.kind == "distance":
+            values |= _named(f"{sensor.target}:wire", points[0] + rng.normal(0, _WIRE_FAR, 3))
+        for label, point in zip(labels, points, strict=False):
+            if sensor.kind == "socket":
+                values |= _named(f"socket:{label}", point)
+            else:
+                axes = _somewhere(rng, 0.0).rotation
+                planes[f"plane:{label}"], values[f"plane:{label}.offset"] = axes, float(axes[:, 0] @ point)
+    x = np.array([values[name] for name in setup.errors.names])
+    return replace(setup, x=x, errors=replace(setup.errors, planes=planes))
+
+
+def _named(place: str, point: Vector) -> dict[str, float]:
+    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
+
+
+def random_positions(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
+    """Joint positions anywhere within the limits, (count, inputs)."""
+    lower, upper = joint_limits(setup.robot)
+    return rng.uniform(lower, upper, (count, len(lower)))

@@ -1,0 +1,1 @@
+"""Beam directions of the laser module, measured on a bench."""

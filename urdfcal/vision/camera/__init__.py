@@ -1,0 +1,1 @@
+"""The camera: its lens, and where the screen stands before it."""

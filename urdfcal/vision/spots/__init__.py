@@ -1,0 +1,1 @@
+"""Laser spots in pictures."""

@@ -1,0 +1,191 @@
+"""The whole way from pictures to labelled spots.
+
+A picture with what was found in it drawn on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.errors import InputError
+from urdfcal.base.geometry import Array3, Vector
+from urdfcal.sensors.camera import Camera
+from urdfcal.vision.pictures import Picture, read_picture
+from urdfcal.vision.spots.detector import PixelSpot, RefusedSpot, Sighting, SpotLimits, find_spots
+from urdfcal.vision.spots.labels import Labelled, label_spots
+from urdfcal.vision.spots.series import PoseSpots, put_together, without_still
+
+_COLOURS = {"red": (60, 60, 255), "green": (60, 255, 60), "blue": (255, 120, 60)}
+_REFUSED, _UNLABELLED = (0, 200, 255), (255, 255, 0)
+_MOST_REFUSED = 15
+Pixels = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class SpotSearch:
+    """How spots are looked for.
+
+    Attributes:
+        lasers: Names of the lasers.
+        colours: Their colours, or None to find out.
+        camera: The camera; None leaves everything in pixels.
+        dark: A picture with the lasers off.
+        limits: What a spot can be.
+        rightward: Whether lasers are named from left to right as the screen's front shows them, or from right to left.
+        area: Half the side of the square around the screen's origin outside of which no spot can be, [m]; None for no bound.
+        still: Whether what never moves is left out.
+    """
+
+    lasers: tuple[str, ...]
+    colours: tuple[str, ...] | None = None
+    camera: Camera | None = None
+    dark: Picture | None = None
+    limits: SpotLimits = field(default_factory=SpotLimits)
+    rightward: bool = True
+    area: float | None = None
+    still: bool = True
+
+    def see(self, path: Path) -> Sighting:
+        """What one picture shows.
+
+        Raises:
+            InputError: it cannot be read, is of another size, or has no colour to tell spots from lamps by.
+        """
+        picture = read_picture(path, self.camera.size if self.camera else None)
+        if picture.colourless and self.dark is None:
+            raise InputError("is grey: without colour a spot looks like a lamp; give a picture with the lasers off with --dark", path)
+        if self.dark is not None:
+            picture = picture.minus(self.dark)
+        sighting = find_spots(picture, self.colours or ("red", "green"), self.limits)
+        return self._on_screen(sighting)
+
+    def place(self, spot: PixelSpot) -> Vector:
+        """Where a spot is, first coordinate in the direction in which the lasers are named; on the screen or in the picture."""
+        at = spot.centre if self.camera is None else self.camera.spots_of_pixels(spot.centre[None])[0] * (-1, 1)
+        return np.asarray(at * (1 if self.rightward else -1, 1))
+
+    def as_placed(self, spots: Array3) -> Array3:
+        """Spots (y, z) on the screen in the coordinates of `place`."""
+        return spots * (-1 if self.rightward else 1, 1)
+
+    def _on_screen(self, sighting: Sighting) -> Sighting:
+        """Refuse what the camera does not see on the screen."""
+        if self.camera is None:
+            return sighting
+        kept, refused = [], list(sighting.refused)
+        for spot in sighting.spots:
+            at = self.camera.spots_of_pixels(spot.centre[None])[0]
+            if np.isfinite(at).all() and (self.area is None or (np.abs(at) <= self.area).all()):
+                kept.append(spot)
+            else:
+                refused.append(RefusedSpot(spot.centre, "beside the screen", 0.0))
+        return replace(sighting, spots=tuple(kept), refused=tuple(refused))
+
+
+@dataclass(frozen=True, eq=False)
+class SpotsFound:
+    """What a series of pictures shows.
+
+    Attributes:
+        poses: What was seen in each pose.
+        labelled: Which spot is whose.
+        pictures: What each picture shows.
+        warnings: What was left out, and why.
+    """
+
+    poses: list[PoseSpots]
+    labelled: Labelled
+    pictures: Mapping[Path, Sighting]
+    warnings: list[str]
+
+    def drawings(self, groups: Mapping[str, Sequence[Path]], folder: Path) -> dict[str | Path, bytes]:
+        """Every picture with what was found drawn on it, by the place where it belongs."""
+        places = drawing_places(groups, folder)
+        spots_of_pose = zip(groups.values(), self.labelled.spots, strict=True)
+        return {places[path]: drawn(path, self.pictures[path], spots) for paths, spots in spots_of_pose for path in paths}
+
+
+def drawing_places(groups: Mapping[str, Sequence[Path]], folder: Path) -> dict[Path, Path]:
+    """Where the drawing of each picture belongs: `<picture>.jpg`, with the picture's own folder before it where that is taken."""
+    places: dict[Path, Path] = {}
+    for path in (path for paths in groups.values() for path in paths):
+        own = folder / f"{path.stem}.jpg"
+        places[path] = own if own not in places.values() else folder / f"{path.parent.name}_{path.stem}.jpg"
+    return places
+
+
+def spots_of(
+    search: SpotSearch, groups: Mapping[str, Sequence[Path]], predicted: Array3 | None = None, advance: Callable[[], None] = lambda: None
+) -> SpotsFound:
+    """Find and label the spots of every pose.
+
+    Args:
+        search: How spots are looked for.
+        groups: The pictures of each pose.
+        predicted: (y, z) of the nominal robot's spots, (n, lasers, 2), [m]; nan where a beam makes none.
+        advance: Called after each picture.
+
+    Raises:
+        InputError: a picture cannot be taken as it is.
+    """
+    pictures: dict[Path, Sighting] = {}
+    for paths in groups.values():
+        for path in paths:
+            pictures[path] = search.see(path)
+            advance()
+    poses = [put_together(label, [pictures[path] for path in paths]) for label, paths in groups.items()]
+    poses, warnings = without_still(poses) if search.still else (poses, [])
+    places = None if predicted is None else search.as_placed(predicted)
+    labelled = label_spots(poses, search.lasers, search.place, colours=search.colours, predicted=places)
+    return SpotsFound(poses, labelled, pictures, [*warnings, *labelled.warnings])
+
+
+def drawn(path: Path, sighting: Sighting, labels: Mapping[str, PixelSpot]) -> bytes:
+    """A JPEG of a picture: a ring and the laser's name around each spot, a cross and the reason at what was refused.
+
+    Args:
+        path: The picture.
+        sighting: What was found in it.
+        labels: The pose's spot of each laser.
+    """
+    from urdfcal.vision.pictures import decoded
+
+    pixels = decoded(np.frombuffer(path.read_bytes(), np.uint8))
+    assert pixels is not None  # it has been read before
+    image = np.ascontiguousarray(pixels if pixels.dtype == np.uint8 else pixels.astype(np.float32) * (255 / 65535), dtype=np.uint8)
+    for refused in sighting.refused[:_MOST_REFUSED]:
+        u, v = (round(float(x)) for x in refused.centre)
+        cv2.drawMarker(image, (u, v), _REFUSED, cv2.MARKER_TILTED_CROSS, 9, 1, cv2.LINE_AA)
+        _write(image, refused.reason, u + 8, v + 4, _REFUSED, 0.36)
+    for spot in sighting.spots:
+        _ring(image, spot, _label_of(spot, labels))
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1])
+
+
+def _label_of(spot: PixelSpot, labels: Mapping[str, PixelSpot]) -> str:
+    near = [(float(np.linalg.norm(other.centre - spot.centre)), laser) for laser, other in labels.items() if other.colour == spot.colour]
+    return min(near)[1] if near and min(near)[0] < max(3.0, spot.width) else ""
+
+
+def _ring(image: Pixels, spot: PixelSpot, laser: str) -> None:
+    u, v = (round(float(x) * 16) for x in spot.centre)
+    radius = max(3 * spot.width, 8)
+    colour = _COLOURS[spot.colour] if laser else _UNLABELLED
+    cv2.circle(image, (u, v), round(radius * 16), (0, 0, 0), 3, cv2.LINE_AA, 4)
+    cv2.circle(image, (u, v), round(radius * 16), colour, 1, cv2.LINE_AA, 4)
+    sigma = np.sqrt(np.trace(spot.covariance) / 2)
+    text = f"{laser or spot.colour + ', whose?'}  ({spot.centre[0]:.2f}, {spot.centre[1]:.2f}) +- {sigma:.2f} px"
+    _write(image, text, round(u / 16 + radius + 5), round(v / 16 - 5), colour, 0.5)
+
+
+def _write(image: Pixels, text: str, u: int, v: int, colour: tuple[int, int, int], size: float) -> None:
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    at = (max(min(u, image.shape[1] - width - 2), 2), max(min(v, image.shape[0] - 3), height + 2))
+    cv2.rectangle(image, (at[0] - 2, at[1] - height - 2), (at[0] + width + 2, at[1] + 4), (0, 0, 0), -1)
+    cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
