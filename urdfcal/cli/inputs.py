@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import urdfcal
 from urdfcal.base.errors import UsageError
 
 if TYPE_CHECKING:
@@ -251,8 +252,14 @@ def expanded_note(robot: Robot) -> str:
 
 
 def arm7_file() -> Path:
-    """The arm of Table I, in a checkout or installed."""
-    for folder in (Path(__file__).parent / "robots", Path(__file__).parents[1] / "robots"):
-        if (folder / "arm7" / "arm7.urdf.xacro").exists():
-            return folder / "arm7" / "arm7.urdf.xacro"
-    raise UsageError("robots/arm7/arm7.urdf.xacro was not found; name the arm's file")
+    """The arm of Table I: its folder is in the package where that is installed, and beside the package in a checkout.
+
+    Raises:
+        UsageError: it is in neither.
+    """
+    package = Path(urdfcal.__file__).parent
+    for folder in (package, package.parent):
+        arm7 = folder / "robots" / "arm7" / "arm7.urdf.xacro"
+        if arm7.exists():
+            return arm7
+    raise UsageError(f"robots/arm7/arm7.urdf.xacro is neither in {package} nor beside it; name the arm's file")
