@@ -5,14 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import InputError, UsageError
-
-_DEEPEST = 30  # levels of nesting; no file of ours has more than six
 
 
 def write_whole(path: str | Path, content: bytes) -> None:
@@ -80,58 +78,37 @@ class YamlFile:
     Attributes:
         path: The file.
         content: The document as Python objects; None where it is empty.
-        node: The same as PyYAML's tree of nodes.
+        tree: The same as ruamel.yaml keeps it, with lines.
+        start: The line that it begins on; None where it is empty.
     """
 
     path: Path
     content: Any
-    node: Any
+    tree: Any
+    start: int | None
 
     def line(self, steps: Sequence[Any] = ()) -> int | None:
         """The line of an entry such as ("joints", "joint3"), or of the last step that is there."""
-        node = self.node
-        for step in steps:
-            entries = node.value if isinstance(getattr(node, "value", None), list) else []
-            if entries and isinstance(entries[0], tuple):
-                below = [value for key, value in entries if key.value == str(step)]
-            else:
-                below = entries[step : step + 1] if isinstance(step, int) else []
-            if not below:
-                break
-            node = below[0]
-        return None if node is None else int(node.start_mark.line) + 1
+        from urdfcal.base.yaml_tree import line_of
+
+        return line_of(self.tree, steps) or self.start
 
 
 def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:
-    """Read a YAML file, without aliases, repeated entries or endless nesting.
+    """Read a YAML file, without aliases, tags, repeated entries or endless nesting; names of entries are text.
 
     Args:
         path: The file, UTF-8.
         error: What is raised if it cannot be read.
     """
-    import yaml
+    from urdfcal.base.yaml_tree import NotPlain, plain, read_tree
 
     path = Path(path)
     try:
-        reader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-        text = _text(path, error)
-        _check_events(path, yaml.parse(text, Loader=reader), error)
-        loader = reader(text)
-        try:
-            node = loader.get_single_node()
-            _check_nodes(path, node, error)
-            return YamlFile(path, None if node is None else loader.construct_document(node), node)
-        finally:
-            loader.dispose()
-    except yaml.YAMLError as trouble:
-        mark = getattr(trouble, "problem_mark", None)
-        raise error(
-            f"not readable as YAML: {getattr(trouble, 'problem', None) or trouble}", path, mark.line + 1 if mark else None
-        ) from None
-    except InputError:
-        raise
-    except Exception as trouble:  # PyYAML lets a dozen kinds through for odd numbers, dates and tags
-        raise error(f"not readable as YAML: {type(trouble).__name__} {trouble}", path) from None
+        tree, start = read_tree(_text(path, error))
+    except NotPlain as trouble:
+        raise error(str(trouble), path, trouble.line) from None
+    return YamlFile(path, plain(tree), tree, start)
 
 
 def _text(path: Path, error: type[InputError]) -> str:
@@ -141,37 +118,6 @@ def _text(path: Path, error: type[InputError]) -> str:
         raise error(f"cannot be read: {trouble.strerror or trouble}", path) from None
     except UnicodeDecodeError as trouble:
         raise error("is not UTF-8 text; save it as UTF-8", path, trouble.object[: trouble.start].count(b"\n") + 1) from None
-
-
-def _check_events(path: Path, events: Iterable[Any], error: type[InputError]) -> None:
-    """Refuse aliases, with which a small file becomes a large one, and nesting at which PyYAML's C code breaks down."""
-    from yaml.events import AliasEvent, CollectionEndEvent, CollectionStartEvent
-
-    depth = 0
-    for event in events:
-        line = event.start_mark.line + 1
-        depth += isinstance(event, CollectionStartEvent) - isinstance(event, CollectionEndEvent)
-        if isinstance(event, AliasEvent):
-            raise error(f"the alias '*{event.anchor}' is refused; write the entry out", path, line)
-        if depth > _DEEPEST:
-            raise error(f"nested more than {_DEEPEST} levels deep", path, line)
-
-
-def _check_nodes(path: Path, root: Any, error: type[InputError]) -> None:
-    """Refuse an entry that stands twice, and whole numbers too long to be turned into a double or a message."""
-    waiting = [] if root is None else [root]
-    while waiting:
-        node = waiting.pop()
-        if node.tag.endswith(":int") and len(node.value) > 100:
-            raise error(f"a number of {len(node.value)} digits", path, node.start_mark.line + 1)
-        keys: set[Any] = set()
-        for below in node.value if isinstance(node.value, list) else []:
-            key, value = below if isinstance(below, tuple) else (None, below)
-            if key is not None and not isinstance(key.value, list):
-                if key.value in keys:
-                    raise error(f"the entry '{key.value}' stands twice", path, key.start_mark.line + 1)
-                keys.add(key.value)
-            waiting.append(value)
 
 
 def _umask() -> int:
