@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -99,19 +98,35 @@ def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Ca
 
 def _svg(figure: Figure, title: str, caption: str) -> str:
     """The drawing as an element for a page: colours by variables, fonts from the page, ids of its own."""
-    stream = io.StringIO()
+    from lxml import etree
+
+    stream = io.BytesIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = stream.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
+    root = etree.fromstring(stream.getvalue(), etree.XMLParser(remove_comments=True, resolve_entities=False))
     own = re.sub(r"\W+", "-", title.lower())
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\1{own}-", text)
-    text = re.sub("|".join(_VARIABLES), lambda found: f"var(--{_VARIABLES[found[0]]})", text)
-    box = re.search(r'viewBox="[^"]*"', text)
-    head = (
-        f'<svg {box[0] if box else ""} role="img" aria-label="{escape(f"{title}. {caption}")}" xmlns:xlink="http://www.w3.org/1999/xlink">'
-    )
-    return re.sub(r"\s*\n\s*", " ", head + text[text.index(">") + 1 :])
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            element.set(name, _on_page(etree.QName(name).localname, " ".join(str(value).split()), own))
+        element.text, element.tail = _flat(element.text), _flat(element.tail)
+    for metadata in root.findall("{*}metadata"):
+        root.remove(metadata)
+    for name in ("width", "height", "version"):
+        root.attrib.pop(name, "")
+    root.attrib.update({"role": "img", "aria-label": f"{title}. {caption}"})
+    return str(etree.tostring(root, encoding="unicode", with_tail=False))
+
+
+def _on_page(name: str, value: str, own: str) -> str:
+    """An attribute's value as the page has it."""
+    if name == "id":
+        return f"{own}-{value}"
+    if name == "href":
+        return value.replace("#", f"#{own}-", 1)
+    return re.sub("|".join(_VARIABLES), lambda found: f"var(--{_VARIABLES[found[0]]})", value.replace("url(#", f"url(#{own}-"))
+
+
+def _flat(text: str | None) -> str | None:
+    return text and re.sub(r"\s*\n\s*", " ", text)
 
 
 def sane(values: Matrix) -> Matrix:

@@ -5,9 +5,7 @@ From where to look, so that robot, beams and screen are seen at first sight and 
 
 from __future__ import annotations
 
-import json
 import warnings
-from html import escape
 from itertools import pairwise
 from typing import Any
 
@@ -15,15 +13,15 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
+from urdfcal.output.templates import filled_template
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
-from urdfcal.output.view.legend import panel_html, pose_entries
+from urdfcal.output.view.legend import panel_of, pose_entries
 from urdfcal.output.view.marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
 from urdfcal.output.view.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
 from urdfcal.output.view.motion import draw_motion, draw_pose_marks
 from urdfcal.output.view.recorder import Recorder
 from urdfcal.output.view.scene import Scene, Sheet, frame_placements, screen_placements
 from urdfcal.output.view.shapes import Shapes
-from urdfcal.output.view.style import SCRIPT, STYLE
 from urdfcal.output.view.target_marks import draw_pose_targets, draw_targets
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot
@@ -32,21 +30,6 @@ _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
 _GHOST_OPACITY = 0.3
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
-_TEMPLATE = """<!DOCTYPE html>
-<html lang="en">
-<head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{title}</title><link rel="icon" href="data:,">
-<style>{style}</style></head>
-<body>
-<div id="meshcat-pane"></div>
-{panel}
-<div id="trouble"></div>
-<script type="application/json" id="urdfcal-config">{config}</script>
-<script type="text/plain" id="urdfcal-scene">{scene}</script>
-<script>{meshcat}</script>
-<script>{script}</script>
-</body>
-</html>
-"""
 
 _AZIMUTHS = tuple(angle * DEG for angle in (-60, -50, -40, -30, 30, 40, 50, 60))  # from the screen's normal
 _ELEVATIONS = tuple(angle * DEG for angle in (14, 22, 32))
@@ -58,16 +41,14 @@ _PREFERRED = 42 * DEG  # neither along the screen, where spots are slim, nor alo
 def page_of(scene: Scene, shapes: Shapes) -> str:
     """The whole scene as one page that needs no network."""
     keys = key_frames(scene)
-    entries = pose_entries(scene, keys.rows)
-    options = "".join(f"<option>{escape(str(entry['label']))}</option>" for entry in entries)
-    return _TEMPLATE.format(
-        title=escape(f"{scene.robot.name} - urdfcal view"),
-        style=STYLE,
-        panel=panel_html(scene, len(keys.rows)).replace("%POSES%", options),
-        config=_json({"poses": entries, "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}),
+    config = {"poses": pose_entries(scene, keys.rows), "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}
+    return filled_template(
+        "urdfcal.output.view",
+        "view.html.j2",
+        panel=panel_of(scene, len(keys.rows)),
+        config=config,
         scene=_drawn(scene, shapes, keys).packed(),
         meshcat=VIEWER_SCRIPT.read_text("utf-8"),
-        script=SCRIPT,
     )
 
 
@@ -177,10 +158,6 @@ def _skeleton(robot: Robot, q: Matrix) -> Matrix:
     pin.forwardKinematics(robot.model, data, q)
     joints = [robot.model.getJointId(step.joint.name) for step in robot.chain.moving]
     return np.asarray([data.oMi[joint].translation for joint in joints])
-
-
-def _json(content: Any) -> str:
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def choose_direction(normal: Vector, spots: Matrix, skeleton: Matrix, points: Matrix) -> Vector:

@@ -29,7 +29,7 @@ class Recorder:
             if geometry["type"] == "_meshfile":  # the viewer calls this spelling of meshcat's Python side deprecated
                 geometry["type"] = "_meshfile_geometry"
         if data["type"] == "set_animation":  # a hundred thousand numbers: JSON's C code is far quicker than msgpack's Python
-            self._commands.append(json.dumps(data, separators=(",", ":")).encode())
+            self._commands.append(json.dumps(data, separators=(",", ":"), allow_nan=False).encode())
         else:
             self._commands.append(umsgpack.packb(self._renamed(data)))
 
