@@ -307,6 +307,20 @@ def test_a_pose_can_be_chosen_by_its_label(browser: Browser, robots: dict[str, R
     assert complaints(browser) == []
 
 
+def test_labels_of_poses_are_text(browser: Browser, tmp_path: Path) -> None:
+    """One that is written like an element of HTML is shown as it is, in the panel and in meshcat's own controls, and does nothing."""
+    data, corrected = measured(robot_of(URDF), 3)
+    labels = ['<img src="x" onerror="window.hit = 1">', "a &amp; b", "</script>"]
+    view_of(robot_of(URDF), replace(data, poses=np.array(labels)), corrected).write_html(tmp_path / "labels.html")
+    browser.open(tmp_path / "labels.html")
+    for chooser in ("document.getElementById('pose')", "config.own.__select"):
+        assert browser.run(f"[...{chooser}.options].map(option => option.textContent)") == labels
+    browser.run("document.getElementById('next').click()")
+    assert browser.run("config.own.__select.selectedOptions[0].textContent") == labels[1]
+    assert browser.run("window.hit") is None
+    assert complaints(browser) == []
+
+
 def test_a_beam_that_misses_is_dashed(browser: Browser, tmp_path: Path) -> None:
     """A robot that points away from the screen has grey dashes in place of its beams; one that points at it has none."""
     robot = robot_of(URDF)
