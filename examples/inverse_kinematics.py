@@ -25,6 +25,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 import urdfcal
+from urdfcal.base.geometry import product
 from urdfcal.calibration.analysis.compensation import Compensation
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.reach import draw_poses
@@ -91,7 +92,8 @@ class SoftArm:
         placed = errors.placements(x)
         for joint, placement in zip(self.layout.first, placed.joints, strict=True):
             self.model.jointPlacements[joint] = placement
-        self.module = placed.module
+        T_module_laser = product([joint.origin for joint in robot.chain.laser_joints[0]])
+        self.module = placed.frames[robot.chain.laser_frames[0]] * T_module_laser.inverse()
 
     def T_screen_module(self, q: Vector) -> Any:
         """Where the module stands at joint readings q."""

@@ -73,7 +73,7 @@ from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
 arm = urdfcal.load_robot({str(PACKAGE.parent / "robots" / "arm7" / "arm7.urdf.xacro")!r})
 data = urdfcal.read_measurements({str(PACKAGE.parent / "robots" / "arm7" / "measurements.csv")!r}, arm)
 urdfcal.fit(arm, data).report()
-urdfcal.fit(arm, replace(data, sigma=np.full_like(data.sigma, 1e-4))).report()
+urdfcal.fit(arm, data.with_spots(data.spots, np.full_like(data.sigma, 1e-4))).report()
 sensors, lasers = parse_sensors(["point:slm"], arm, 1)
 seen = seen_with(arm, sensors, "", lasers)
 errors = build_error_model(seen.chain, seen.rig)

@@ -8,7 +8,7 @@ A Panda with Gaussian errors of 2 mm and 0.2 deg; what a column states is drawn 
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +58,7 @@ def tried(robot: Robot, case: Case, poses: int, seed: int) -> tuple[float, float
     off = rng.normal(size=data.spots.shape) * np.hypot(stated, case.beyond * MM)[..., None]
     wild = rng.random(data.seen.shape) < case.outliers
     off += wild[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape)
-    found = fit(robot, replace(data, spots=data.spots + off, sigma=stated))
+    found = fit(robot, data.with_spots(data.spots + off, sigma=stated))
     away = (found.x - truth) / found.sigma
     return float(np.mean(np.abs(away) < 1.96)), float(np.sqrt(np.mean(away**2))), found.extra_noise.get("spot", 0.0) / MM
 

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 import urdfcal
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -78,12 +78,12 @@ def one_set(robot: urdfcal.Robot, errors: ErrorModel, seed: int) -> dict[str, Ru
     runs, first = {}, None
     for label, how in FITS.items():
         begun = time.perf_counter()
-        with patch.object(SpotModel, "linearise", autospec=True, side_effect=SpotModel.linearise) as linearise:
+        with patch.object(Problem, "linearise", autospec=True, side_effect=Problem.linearise) as linearise:
             found = fitted(robot, data, how)
         seconds, first = time.perf_counter() - begun, first or found
         if not found.converged:
             raise SystemExit(f"seed {seed}, {label}: {found.stop_reason}")
-        off = SpotModel(found.errors, unseen).predict(found.x)[0] - unseen.spots
+        off = np.stack(Problem(found.errors, unseen).read(found.x), axis=1) - unseen.spots
         held_out = float(np.sqrt(np.mean(np.sum(off**2, axis=-1))) / MM)
         away = float(np.max(np.abs(found.x - first.x) / first.sigma))
         runs[label] = Run(held_out, seconds, len(found.estimate.history) - 1, linearise.call_count, away)

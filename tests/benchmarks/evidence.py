@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.api import fit
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
@@ -61,7 +61,7 @@ def held_out(robot: Robot, seed: int, poses: int, kind: str, arms: list[np.ndarr
     rms = []
     for evidence in (False, True):
         found = fit(robot, data, evidence=evidence, gated=False)
-        predicted, _ = SpotModel(replace(found.errors, sessions=("",)), unseen).predict(found.x)
+        predicted, _ = Problem(replace(found.errors, sessions=("",)), unseen).predict(found.x)
         rms.append(float(np.sqrt(np.mean((predicted - unseen.spots) ** 2)) * 1e3))
     return rms[0], rms[1]
 

@@ -20,7 +20,7 @@ import numpy.typing as npt
 import urdfcal
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Mask
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.rig_search import rig_columns
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
@@ -79,7 +79,7 @@ class Run:
 def from_the_truth(found: urdfcal.Calibration, x: Array) -> Estimate:
     """The fit that starts from the truth, on the data and under the priors and noise that `fit` had in the end."""
     errors, noise = found.errors, replace(found.estimate.noise, stated=True)
-    return iterated_schedule(SpotModel(errors, found.data).linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
+    return iterated_schedule(Problem(errors, found.data).linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
 
 
 def run(robot: urdfcal.Robot, errors: ErrorModel, estimate: tuple[str, ...], arguments: argparse.Namespace, seed: int) -> Run | None:

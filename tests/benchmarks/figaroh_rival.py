@@ -82,12 +82,12 @@ def splits(folder: str, data: Path) -> dict[str, list[Any]]:
 def with_urdfcal(robot: Any, train: Any, test: Any) -> tuple[Any, float]:
     """Distances on the test poses [mm] and CPU seconds of the default fit; outliers stay in."""
     import urdfcal
-    from urdfcal.calibration.problem import SpotModel
+    from urdfcal.calibration.problem import Problem
 
     began = time.process_time()
     found = urdfcal.fit(robot, train, gated=False)
     seconds = time.process_time() - began
-    left = SpotModel(found.errors, test).linearise(found.x).residual[:, :3]
+    left = Problem(found.errors, test).linearise(found.x).residual[:, :3]
     return np.linalg.norm(left, axis=1) * 1e3, seconds
 
 

@@ -26,7 +26,7 @@ import urdfcal
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.prediction import spot_jacobians, spot_sigma
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.identifiability import DETERMINED
 from urdfcal.model.error_model import ErrorModel
@@ -149,7 +149,7 @@ def under_priors(study: Study, one: Simulated, tally: Tally) -> None:
     tally.nees.append((normalised(error, P), len(error)))
     tally.noise.append(found.estimate.noise.spot_sigma / SPOT)
     J = spot_jacobians(found.errors, found.x, one.unseen.q)
-    off = SpotModel(found.errors, one.unseen).predict(found.x)[0] - one.unseen.spots
+    off = np.stack(Problem(found.errors, one.unseen).read(found.x), axis=1) - one.unseen.spots
     tally.spots.append(float(np.mean(np.abs(off) < Z95 * np.sqrt(np.einsum("nlkp,pr,nlkr->nlk", J, P, J)))))
     expected = spot_sigma(found.errors, P, found.x, one.unseen.q)
     tally.distance.append(float(np.mean(np.sum(off**2, axis=-1) / expected**2)))

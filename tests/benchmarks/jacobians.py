@@ -19,10 +19,10 @@ import numpy.typing as npt
 from second_witness import UrdfWay, observations_of
 
 import urdfcal
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, LaserMotion, laser_motion
+from urdfcal.model.jacobian import ArmKinematics, ArmMotion, arm_motion
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.configurations import joint_limits
@@ -78,7 +78,7 @@ def derivative(function: Callable[[float], Array]) -> Array:
     return (4 * fine - coarse) / 3
 
 
-def twisted_spots(motion: LaserMotion, twist: Array) -> Array:
+def twisted_spots(motion: ArmMotion, twist: Array) -> Array:
     """Spots after the lasers were turned about the screen's origin and shifted."""
     v, w = twist[:3], twist[3:]
     angle = np.linalg.norm(w)
@@ -114,14 +114,14 @@ def worst(robot: urdfcal.Robot, model: str, scale: float, count: int, rng: np.ra
     q = draw(robot, errors, x, count, rng)
     if not len(q):
         return Worst(np.nan, np.nan, np.nan, len(x), count, 0)
-    witness, motion = Witness(robot, errors, q), laser_motion(ArmKinematics(robot.chain), errors, q, x)
+    witness, motion = Witness(robot, errors, q), arm_motion(ArmKinematics(robot.chain), errors, q, x)
     spots, _ = spots_on_screen(motion.source, motion.direction)
     blank = urdfcal.measurements_from(robot, q, spots)
     directions, of_module = np.eye(len(x)), errors.moves_laser.all(axis=0)
     jac1 = np.stack([witness.spatial_twists(x, direction) for direction in directions[of_module]], axis=-1)
     jac2 = np.stack([derivative(lambda step, one=one: twisted_spots(motion, step * one)) for one in np.eye(6)], axis=-1)
     J = np.stack([derivative(lambda step, one=one: witness.spots(x + step * one)) for one in directions], axis=-1)
-    there = SpotModel(errors, blank).linearise(x)
+    there = Problem(errors, blank).linearise(x)
     return Worst(
         relative(motion.jac1[..., of_module], jac1),
         relative(spot_jacobian(spots, motion.direction), jac2),

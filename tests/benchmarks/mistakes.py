@@ -44,7 +44,7 @@ def drawn(robot: urdfcal.Robot, size: tuple[float, float, float], six: bool, pos
     true, x = random_truth(robot, rng, mm * MM, deg * DEG) if six else (errors, rng.normal(0, scale))
     data = simulate(robot, true, x, draw_poses(robot, true, x, poses, rng), rng, SimulatedNoise(1 * MM))
     bad = rng.random(data.seen.shape) < outliers
-    return replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+    return data.with_spots(data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
 
 
 def fitted(robot: urdfcal.Robot, data: Data) -> tuple[urdfcal.Calibration | None, str, float]:
@@ -69,12 +69,12 @@ def said_of(robot: urdfcal.Robot, data: Data) -> tuple[str, str, float]:
 
 def spots(matrix: list[list[float]], words: str) -> Mistake:
     """A mistake in what was read off the screen."""
-    return lambda data: (replace(data, spots=data.spots @ np.array(matrix, dtype=float).T), words)
+    return lambda data: (data.with_spots(data.spots @ np.array(matrix, dtype=float).T), words)
 
 
 def swapped(data: Data) -> tuple[Data, str]:
     """The beams taken for each other."""
-    return replace(data, spots=data.spots[:, ::-1]), "laser_1 and laser_2 swapped"
+    return data.with_spots(data.spots[:, ::-1]), "laser_1 and laser_2 swapped"
 
 
 def joint(index: int | None, factor: float, shift: float, words: str) -> Mistake:

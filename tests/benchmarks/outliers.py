@@ -18,7 +18,7 @@ import numpy as np
 from urdfcal.api import fit
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import MM
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.gauge import build_error_model, missing_screen_parameters
 from urdfcal.robot.robot import Robot, load_robot
@@ -38,7 +38,7 @@ def with_outliers(data: Measurements, share: float, rng: np.random.Generator) ->
     hit = rng.random(data.seen.shape) < share
     angle, length = rng.uniform(0, 2 * np.pi, hit.sum()), rng.uniform(10e-3, 200e-3, hit.sum())
     spots[hit] += np.stack([np.cos(angle), np.sin(angle)], axis=-1) * length[:, None]
-    return replace(data, spots=spots)
+    return data.with_spots(spots)
 
 
 def with_swapped(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
@@ -46,7 +46,7 @@ def with_swapped(data: Measurements, share: float, rng: np.random.Generator) -> 
     spots = data.spots.copy()
     hit = rng.random(len(data)) < share
     spots[hit] = spots[hit][:, ::-1]
-    return replace(data, spots=spots)
+    return data.with_spots(spots)
 
 
 def with_wrong_readings(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
@@ -60,7 +60,7 @@ def with_wrong_readings(data: Measurements, share: float, rng: np.random.Generat
 def untouched(spoilt: Measurements, data: Measurements) -> Measurements:
     """What is left of the measurements without all that was spoilt."""
     touched = (spoilt.spots != data.spots).any(axis=-1) | (spoilt.q != data.q).any(axis=1)[:, None]
-    return replace(data, spots=np.where(touched[..., None], np.nan, data.spots))
+    return data.with_spots(np.where(touched[..., None], np.nan, data.spots))
 
 
 def held_out(robot: Robot, data: Measurements, unseen: Measurements, **arguments: object) -> float:
@@ -69,7 +69,7 @@ def held_out(robot: Robot, data: Measurements, unseen: Measurements, **arguments
         found = fit(robot, data, **arguments)  # type: ignore[arg-type]
     except FitRejected:
         return np.inf
-    off = SpotModel(found.errors, unseen).predict(found.x)[0] - unseen.spots
+    off = np.stack(Problem(found.errors, unseen).read(found.x), axis=1) - unseen.spots
     return float(np.sqrt(np.mean(np.sum(off**2, axis=-1))) / MM)
 
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 import urdfcal
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
@@ -84,7 +84,7 @@ def visible_poses(robot: urdfcal.Robot, errors: ErrorModel, x: Array, count: int
     """Joint positions at which the beams of the true and of the nominal robot meet the screen."""
     q = draw_poses(robot, errors, x, count + count // 2 + 50, rng)
     blank = urdfcal.measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
-    lengths = SpotModel(errors, blank).predict(np.zeros(len(x)))[1]
+    lengths = Problem(errors, blank).predict(np.zeros(len(x)))[1]
     return q[(lengths > 0).all(axis=1)][:count]
 
 
@@ -98,7 +98,7 @@ def run(robot: urdfcal.Robot, case: Case, count: int, seed: int, arguments: argp
     if found.rejection:
         print(f"{case}, {count} poses, seed {seed}: {found.rejection}")
     held_out = urdfcal.measurements_from(robot, q[count:], true_spots(robot, errors, x, q[count:]))
-    there = SpotModel(found.errors, held_out).linearise(found.x)
+    there = Problem(found.errors, held_out).linearise(found.x)
     J = there.jacobian.reshape(-1, len(found.x))
     spots = len(J) / 2
     predicted = float(np.sum((J @ found.covariance) * J)) / spots

@@ -58,7 +58,7 @@ def with_outliers(data: Measurements, share: float, rng: np.random.Generator) ->
     """The same with a share of the points and distances far off."""
     readings = []
     for each in data.readings:
-        bad = (rng.random(len(data)) < share)[:, None] & np.isin(each.kind, ["point", "distance"])
+        bad = (rng.random(len(data)) < share)[:, None] & np.isin(each.sensor, ["point", "distance"])
         readings.append(replace(each, values=each.values + bad * rng.uniform(-200 * MM, 200 * MM, each.values.shape)))
     return replace(data, readings=tuple(readings))
 
@@ -66,7 +66,7 @@ def with_outliers(data: Measurements, share: float, rng: np.random.Generator) ->
 def of_orientation(change: Callable[[np.ndarray], np.ndarray]) -> Change:
     """A mistake in quaternions."""
     return lambda data: replace(
-        data, readings=tuple(replace(each, values=change(each.values)) if each.kind == "orientation" else each for each in data.readings)
+        data, readings=tuple(replace(each, values=change(each.values)) if each.sensor == "orientation" else each for each in data.readings)
     )
 
 
@@ -99,7 +99,7 @@ def backwards(undone: str) -> str:
 def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Change]]]:
     """Every kind of mistake, by name: the words that name it, and what makes it."""
     found: dict[str, list[tuple[str, Change]]] = {}
-    if any(each.kind == "orientation" for each in data.readings):
+    if any(each.sensor == "orientation" for each in data.readings):
         found["quaternion order"] = [("the quaternions read as w, x, y, z", of_orientation(lambda values: np.roll(values, 1, axis=1)))]
         found["turning axes"] = [("about axes that turn along", of_orientation(turning))]
         degrees = of_orientation(lambda values: quaternions_of(angles_of(values) * DEG))
@@ -124,7 +124,7 @@ def said_of(robot: Robot, data: Measurements) -> tuple[str, str, float]:
         return "refused", why, seconds
     if found.rejection:
         return "rejected", found.rejection, seconds
-    true = [NOISE.angle if each.kind == "orientation" else NOISE.length for each in data.readings]
+    true = [NOISE.angle if each.sensor == "orientation" else NOISE.length for each in data.readings]
     return "carried" if np.all(found.estimate.noise.sigma < CARRIED * np.array(true)) else "silent", "", seconds
 
 

@@ -33,7 +33,7 @@ import numpy.typing as npt
 import urdfcal
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.sag import fit_sag
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.robot.packages import find_package
 from urdfcal.sensors.readings import known_lengths
@@ -136,7 +136,7 @@ def random_splits(data: urdfcal.Measurements, count: int) -> Iterator[Split]:
         for seed in range(count):
             rng = np.random.default_rng([seed, size])
             order = rng.permutation(len(data))
-            if data.readings[0].kind == "socket":
+            if data.readings[0].sensor == "socket":
                 names = places_of(data)
                 trains = np.isin(names, rng.permutation(np.unique(names))[:3])
                 rest, order = order[~trains[order]], order[trains[order]]
@@ -158,7 +158,7 @@ class Errors:
         for block in here.blocks:
             rows = here.measured[: len(data), block.columns].any(axis=1)
             left = here.residual[: len(data), block.columns][rows]
-            if data.readings[0].kind == "socket":
+            if data.readings[0].sensor == "socket":
                 left = np.concatenate([about_mean(left[own[rows]]) for own in sockets_of(data)])
             into, size = (self.deg, DEG) if block.unit == "deg" else (self.mm, MM)
             into.append(np.linalg.norm(left, axis=1) / size)
@@ -187,7 +187,7 @@ def left_over(found: urdfcal.Calibration, test: urdfcal.Measurements, sag: bool 
     bent = fit_sag(found, folds=0, compare_directions=False) if sag else None
     errors, estimate = (bent.errors, bent.estimate) if bent else (found.errors, found.estimate)
     errors, x = with_new_places(errors, estimate.belief.x, test, estimate.noise)
-    return SpotModel(errors, test).linearise(x)
+    return Problem(errors, test).linearise(x)
 
 
 def study(robot: RealRobot, folder: Path, splits: int, names: Iterable[str]) -> Iterator[list[str]]:

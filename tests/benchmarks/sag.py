@@ -36,7 +36,7 @@ from urdfcal.api import Calibration
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.sag import SagFit, fit_sag
 from urdfcal.calibration.error_table import error_table, rms_mm
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.robot.packages import find_package
@@ -94,7 +94,7 @@ def simulated(arm: str, sensor: str, scales: SagScales, seed: int) -> Simulated:
 def held_out(calibration: Calibration, sag: SagFit, test: urdfcal.Measurements) -> float:
     """RMS of the tested poses under the joint fit, [mm]."""
     errors, x = with_new_places(sag.errors, sag.estimate.belief.x, test, sag.estimate.noise)
-    return rms_mm(error_table(SpotModel(errors, test).linearise(x), len(test)))
+    return rms_mm(error_table(Problem(errors, test).linearise(x), len(test)))
 
 
 def fitted(robot: urdfcal.Robot, train: urdfcal.Measurements, test: urdfcal.Measurements) -> tuple[Calibration, SagFit | None]:

@@ -22,7 +22,7 @@ import numpy as np
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.error_table import error_table, rms_mm
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
@@ -105,7 +105,7 @@ def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None
     setup = setup_of(robot, name, truth, rng)
     data, unseen = measured(setup, name, poses, rng, NOISE), measured(setup, name, 200, rng)
     found = fit(setup.robot, data, priors={"joint": SCALE} if truth is None else {}, gated=False)
-    model = SpotModel(found.errors, unseen)
+    model = Problem(found.errors, unseen)
     here = model.linearise(found.x)
     spread = np.sqrt(np.einsum("nmp,pq,nmq->nm", here.jacobian, found.covariance, here.jacobian))
     rows = here.measured.copy()

@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.api import fit
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.ekf import Belief, paper_schedule
 from urdfcal.estimation.noise import Noise
@@ -54,7 +54,7 @@ def bare_loop(robot: Robot, q: np.ndarray) -> None:
 def sweep(robot: Robot, errors: ErrorModel, truth: np.ndarray, rng: np.random.Generator) -> str:
     """One sweep over 6000 poses against the bare loop."""
     q = draw_poses(robot, errors, truth, 6000, rng)
-    spots = SpotModel(errors, simulate(robot, errors, truth, q, rng))
+    spots = Problem(errors, simulate(robot, errors, truth, q, rng))
 
     def normal_equations() -> None:
         here = spots.linearise(truth)
@@ -98,7 +98,7 @@ def many_poses_here(count: int) -> str:
 def paper_sweeps(robot: Robot, errors: ErrorModel, truth: np.ndarray, rng: np.random.Generator) -> str:
     """5000 sweeps of the `paper` schedule."""
     data = simulate(robot, errors, truth, paper_poses(robot, errors, truth, rng), rng, SimulatedNoise(1.15e-3))
-    spots, prior = SpotModel(errors, data), Belief(errors.mean, np.diag(errors.sigma**2))
+    spots, prior = Problem(errors, data), Belief(errors.mean, np.diag(errors.sigma**2))
     took = best(lambda: paper_schedule(spots.linearise, prior, Noise(1e-3, np.zeros(7)), tolerance=0.0, max_sweeps=5000), 1)
     return f"paper schedule, 5000 sweeps of 60 poses                         {took:6.2f} s"
 

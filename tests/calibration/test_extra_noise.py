@@ -27,9 +27,9 @@ POINTS = SensorCase("ur5", ("point:tool0", "pose:wrist_1_link"))
 def stating(data: Measurements, length: float, angle: float = NOISE.angle) -> Measurements:
     """The same measurements, every one with a standard deviation of its own."""
     readings = tuple(
-        replace(each, sigma=np.full_like(each.sigma, angle if each.kind == "orientation" else length)) for each in data.readings
+        replace(each, sigma=np.where(each.seen, angle if each.sensor == "orientation" else length, np.nan)) for each in data.readings
     )
-    return replace(data, sigma=np.where(data.seen, length, np.nan), readings=readings)
+    return replace(data, readings=readings)
 
 
 def of_lasers(robots: dict[str, Robot], rng: np.random.Generator, poses: int = 60) -> tuple[Robot, Measurements]:
@@ -62,8 +62,9 @@ def test_noise_that_the_camera_does_not_know_of_is_found(robots: dict[str, Robot
 def test_shares_of_noise_stay(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """A spot that states much noise keeps it; a single one that is declared useless does not hide that the others scatter."""
     robot, data = of_lasers(robots, rng)
-    stated = stating(data, NOISE.spot / 10)
-    stated.sigma[0, 0] = 1.0
+    sigma = np.full_like(data.sigma, NOISE.spot / 10)
+    sigma[0, 0] = 1.0
+    stated = data.with_spots(data.spots, sigma)
     found = fit(robot, stated)
     assert found.extra_noise["spot"] == pytest.approx(NOISE.spot, rel=0.2)
     assert found.data.sigma[0, 0] == pytest.approx(1.0, rel=1e-3)
@@ -120,7 +121,7 @@ def test_columns_do_not_excuse_what_no_instrument_reads(robots: dict[str, Robot]
     """Orientations that scatter by tens of degrees are rejected, however small they say they are."""
     setup = setup_of(POINTS, robots, rng)
     data = stating(simulate_readings(setup, 80, rng, NOISE), NOISE.length)
-    mixed = tuple(replace(each, values=each.values[:, [3, 0, 1, 2]]) if each.kind == "orientation" else each for each in data.readings)
+    mixed = tuple(replace(each, values=each.values[:, [3, 0, 1, 2]]) if each.sensor == "orientation" else each for each in data.readings)
     found = fit(setup.robot, replace(data, readings=mixed), sane=False)
     assert "orientations scatter by" in found.rejection
 
@@ -128,8 +129,9 @@ def test_columns_do_not_excuse_what_no_instrument_reads(robots: dict[str, Robot]
 def test_exchanged_beams_take_their_noise_along(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """A spot that was read for the other beam keeps the standard deviation that was stated with it."""
     robot, data = of_lasers(robots, rng)
-    stated = stating(data, NOISE.spot)
-    stated.sigma[5], stated.spots[5] = [NOISE.spot, 3 * NOISE.spot], stated.spots[5, ::-1].copy()
+    spots, sigma = data.spots.copy(), np.full_like(data.sigma, NOISE.spot)
+    sigma[5], spots[5] = [NOISE.spot, 3 * NOISE.spot], spots[5, ::-1].copy()
+    stated = data.with_spots(spots, sigma)
     found = fit(robot, stated)
     assert "read for each other" in found.outliers[0].reason
     np.testing.assert_allclose(found.data.sigma[5], [3 * NOISE.spot, NOISE.spot])
@@ -163,7 +165,7 @@ def test_some_that_state_their_noise_leave_the_others_alone(robots: dict[str, Ro
     robot, data = of_lasers(robots, rng)
     for times in (10.0, 0.1):
         sigma = np.column_stack([np.full(len(data), times * NOISE.spot), np.full(len(data), np.nan)])
-        found = fit(robot, replace(data, sigma=sigma))
+        found = fit(robot, data.with_spots(data.spots, sigma))
         assert not found.outliers
         assert found.after["laser_2"].mean == pytest.approx(found.after["laser_1"].mean, rel=0.5)
         assert any("scatter 0.1" in words or "scatter more than their" in words for words in found.warnings)

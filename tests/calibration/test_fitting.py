@@ -106,10 +106,10 @@ def test_missing_spots_do_not_count(robots: dict[str, Robot], rng: np.random.Gen
     _, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
     gaps = data.spots.copy()
     gaps[::3, 0] = np.nan
-    kept = fit(robots["arm7"], replace(data, spots=gaps), spot_sigma=1e-3)
+    kept = fit(robots["arm7"], data.with_spots(gaps), spot_sigma=1e-3)
     stretched = data.sigma.copy()
     stretched[::3, 0] = 1e3  # seen, but worth nothing
-    ignored = fit(robots["arm7"], replace(data, sigma=stretched), spot_sigma=1e-3)
+    ignored = fit(robots["arm7"], data.with_spots(data.spots, stretched), spot_sigma=1e-3)
     np.testing.assert_allclose(kept.x, ignored.x, atol=1e-9)
     assert kept.before["laser_1"].n == 40
 
@@ -311,7 +311,7 @@ def test_a_robust_fit_is_not_rejected_for_its_outliers(robots: dict[str, Robot],
     _, _, data = papers_case(robots["arm7"], rng, SimulatedNoise(1e-3))
     spots = data.spots.copy()
     spots[::10] += 0.1
-    assert fit(robots["arm7"], replace(data, spots=spots), error_model="dh", estimator="robust", spot_sigma=1e-3).rejection == ""
+    assert fit(robots["arm7"], data.with_spots(spots), error_model="dh", estimator="robust", spot_sigma=1e-3).rejection == ""
 
 
 def test_too_few_spots_are_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -13,7 +13,7 @@ from urdfcal.api import fit
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.validation import kfold
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.nominal import evaluate
 from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.model.parameters import PriorScale
@@ -34,7 +34,7 @@ def data_of(case: SensorCase, robots: dict[str, Robot], rng: np.random.Generator
 
 
 def changed(data: Measurements, kind: str, change: Change) -> Measurements:
-    return replace(data, readings=tuple(change(each) if each.kind == kind else each for each in data.readings))
+    return replace(data, readings=tuple(change(each) if each.sensor == kind else each for each in data.readings))
 
 
 def test_a_session_without_points_shares_the_targets(robots: dict[str, Robot], rng: np.random.Generator) -> None:
@@ -73,7 +73,7 @@ def test_degrees_of_freedom_are_never_more_than_the_numbers(robots: dict[str, Ro
     errors, x = setup.errors, setup.x
     blank = replace(simulate_readings(setup, 25, rng), q=joints)
     points = changed(blank, "point", lambda each: replace(each, values=np.zeros((25, 3))))
-    read = -SpotModel(errors, points).linearise(x).residual + rng.normal(0, NOISE.length, (25, 3))
+    read = -Problem(errors, points).linearise(x).residual + rng.normal(0, NOISE.length, (25, 3))
     found = fit(setup.robot, changed(points, "point", lambda each: replace(each, values=read)), gated=False)
     assert 25 < found.freedom < found.data.numbers
 

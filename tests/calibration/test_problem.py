@@ -12,7 +12,7 @@ from tests.support.helpers import central_differences
 from tests.support.sensor_cases import CASES, SensorCase, session_errors, setup_of
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.base.rotations import matrices, rotation_vectors
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.corrections import OriginCorrection, applied
@@ -25,12 +25,10 @@ from urdfcal.simulation.setup import SimulatedSetup
 OTHER_MODELS = [(name, model) for name in ("head camera", "hand sees hand", "points on the base") for model in ("dh", "placement")]
 
 
-def far_state(
-    setup: SimulatedSetup, data: Measurements, model: str, case: SensorCase, rng: np.random.Generator
-) -> tuple[SpotModel, Vector]:
+def far_state(setup: SimulatedSetup, data: Measurements, model: str, case: SensorCase, rng: np.random.Generator) -> tuple[Problem, Vector]:
     """A model of some measurements, and a state some millimetres and tenths of a degree from the truth and from zero."""
     errors, x = session_errors(setup, ModelOptions(error_model=model, reference_known=case.known), data)
-    return SpotModel(errors, data, joints=True), x + rng.normal(0, 5e-3, len(x))
+    return Problem(errors, data, joints=True), x + rng.normal(0, 5e-3, len(x))
 
 
 @pytest.mark.parametrize(("name", "model"), [*((name, "auto") for name in CASES), *OTHER_MODELS])
@@ -60,7 +58,7 @@ def test_joint_jacobians_are_the_derivatives_by_the_joints_readings(name: str, r
     spots, x = far_state(setup, data, "auto", case, rng)
 
     def residual(shift: Vector) -> Matrix:
-        return SpotModel(spots.errors, replace(data, q=data.q + shift)).linearise(x).residual
+        return Problem(spots.errors, replace(data, q=data.q + shift)).linearise(x).residual
 
     numeric = -central_differences(residual, np.zeros(len(data.joints)))
     here = spots.linearise(x)
@@ -81,12 +79,12 @@ def test_simulated_readings_are_pinocchios(name: str, robots: dict[str, Robot], 
     found = {slot.label if slot.kind == "target" else slot.kind: slot.found for slot in setup.errors.slots}
     limits = joint_limits(setup.robot)
     assert ((data.q >= limits[0]) & (data.q <= limits[1])).all()
-    for reading in data.readings:
+    for reading in (each for each in data.readings if not each.kind.beam):
         for pose, session in enumerate(data.sessions):
             frames = [placed(setup.robot, model, data.q[pose], link) for link in (setup.robot.rig.instruments.reference, reading.link)]
             Y = found.get("reference", {}).get(session, pin.SE3.Identity())
             T = (frames[0] * Y).actInv(frames[1]) * found[reading.target][session]
-            assert off(setup, reading, pose, T) < 1e-9, (reading.kind, pose)
+            assert off(setup, reading, pose, T) < 1e-9, (reading.sensor, pose)
 
 
 def placed(robot: Robot, model: pin.Model, q: Vector, link: str) -> pin.SE3:
@@ -105,16 +103,16 @@ def placed(robot: Robot, model: pin.Model, q: Vector, link: str) -> pin.SE3:
 
 def off(setup: SimulatedSetup, reading, pose: int, T: pin.SE3) -> float:
     """How far a reading is from the target's pose in the measuring frame, [m] or [rad]."""
-    if reading.kind == "point":
+    if reading.sensor == "point":
         return float(np.linalg.norm(reading.values[pose] - T.translation))
-    if reading.kind == "orientation":
+    if reading.sensor == "orientation":
         return float(np.linalg.norm(rotation_vectors((matrices(reading.values[pose][None])[0] @ T.rotation.T)[None])))
-    if reading.kind == "distance":
+    if reading.sensor == "distance":
         return abs(float(reading.values[pose, 0] - np.linalg.norm(T.translation - setup.place(f"{reading.target}:wire"))))
     if not reading.labels[pose]:
         return 0.0
-    name = f"{reading.kind}:{reading.labels[pose]}"
-    if reading.kind == "socket":
+    name = f"{reading.sensor}:{reading.labels[pose]}"
+    if reading.sensor == "socket":
         return float(np.linalg.norm(T.translation - setup.place(name)))
     return abs(float(setup.errors.planes[name][:, 0] @ T.translation - setup.place(name)[2]))
 
@@ -148,7 +146,7 @@ def test_known_lengths_and_held_sums_are_rows_of_their_own(robots: dict[str, Rob
     data = replace(data, lengths=(KnownLength("socket:1", "socket:2", apart, 3e-5),))
     errors, x = session_errors(setup, ModelOptions(), data)
     weights = {"elbow_joint.d_a": 0.6, "wrist_1_joint.d_a": 0.8}
-    spots = SpotModel(replace(errors, held_sum=weights), data)
+    spots = Problem(replace(errors, held_sum=weights), data)
     known = spots.linearise(x)
     assert known.residual.shape[0] == 10
     np.testing.assert_allclose(known.residual[8:], 0.0, atol=1e-12)
@@ -170,7 +168,7 @@ def test_a_plane_may_be_held(robots: dict[str, Robot], rng: np.random.Generator)
     free = np.array([not name.startswith("plane:2.") for name in errors.names])
     held = {name: float(value) for name, value, kept in zip(errors.names, x, free, strict=True) if not kept}
     fewer = replace(errors, parameters=tuple(own for own, kept in zip(errors.parameters, free, strict=True) if kept), held=held)
-    whole, part = SpotModel(errors, data).linearise(x), SpotModel(fewer, data).linearise(x[free])
+    whole, part = Problem(errors, data).linearise(x), Problem(fewer, data).linearise(x[free])
     np.testing.assert_array_equal(part.residual, whole.residual)
     np.testing.assert_array_equal(part.jacobian, whole.jacobian[..., free])
 
@@ -179,8 +177,8 @@ def test_blocks_name_what_was_measured(robots: dict[str, Robot], rng: np.random.
     """Every spot, point, orientation, distance and touch is a block of its own, with its own kind of noise and unit."""
     setup = setup_of(CASES["every kind"], robots, rng)
     data = simulate_readings(setup, 10, rng)
-    spots = SpotModel(session_errors(setup, ModelOptions(), data)[0], data)
-    blocks = [(block.name, block.columns.stop - block.columns.start, spots.kinds[block.kind], block.unit) for block in spots.blocks]
+    spots = Problem(session_errors(setup, ModelOptions(), data)[0], data)
+    blocks = [(block.name, block.columns.stop - block.columns.start, data.kinds[block.kind], block.unit) for block in spots.blocks]
     assert blocks == [
         ("laser_1", 2, "spot", "mm"),
         ("laser_2", 2, "spot", "mm"),

@@ -13,12 +13,12 @@ from tests.support.sensor_cases import ARRANGED, CASES, NOISE, SINGLE, SensorCas
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.error_table import error_table, rms_mm
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, kinds_of
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength
 from urdfcal.simulation.readings import simulate_readings
 from urdfcal.simulation.setup import SimulatedSetup, simulated_setup
@@ -49,7 +49,7 @@ def standardised(setup: SimulatedSetup, found: Calibration) -> np.ndarray:
 def unseen_share(setup: SimulatedSetup, found: Calibration, rng: np.random.Generator) -> tuple[np.ndarray, float, float]:
     """Errors of noise-free readings that were not fitted over what is claimed of them; their RMS before and after, [mm]."""
     unseen = simulate_readings(setup, 60, rng)
-    here = SpotModel(found.errors, unseen).linearise(found.x)
+    here = Problem(found.errors, unseen).linearise(found.x)
     spread = np.sqrt(np.einsum("nmp,pq,nmq->nm", here.jacobian, found.covariance, here.jacobian))
     return here.residual[here.measured] / spread[here.measured], rms_mm(found.nominal.table(unseen)), rms_mm(error_table(here, len(unseen)))
 
@@ -64,7 +64,7 @@ def test_the_truth_is_found_within_what_is_claimed(name: str, robots: dict[str, 
         data = measured(setup, name, rng, POSES.get(name, 100))
         found = fit(setup.robot, data, priors={"joint": SCALE}, options=ModelOptions(reference_known=case.known))
         assert found.converged, found.stop_reason
-        for kind, sigma in zip(kinds_of(data), found.estimate.noise.sigma.tolist(), strict=True):
+        for kind, sigma in zip(data.kinds, found.estimate.noise.sigma.tolist(), strict=True):
             assert sigma == pytest.approx(TRUE_NOISE.get(kind, NOISE.length), rel=0.25), kind
         share, before, after = unseen_share(setup, found, rng) if name != "plane" else (np.zeros(1), 1.0, 0.0)
         assert after < before / 15
@@ -137,7 +137,7 @@ def test_axes_may_be_missing(missing: str, robots: dict[str, Robot]) -> None:
             values[rng.random(values.shape) < 0.5] = np.nan
         kept = (replace(data.readings[0], values=values), *data.readings[1:]) if len(data.readings) == 1 else data.readings[1:]
         found = fit(setup.robot, replace(data, readings=kept), priors={"joint": SCALE})
-        kind = kept[0].kind
+        kind = kept[0].noise
         assert found.converged
         assert found.estimate.noise.sigma[0] == pytest.approx(TRUE_NOISE.get(kind, NOISE.length), rel=0.25)
         assert np.abs(standardised(setup, found)).max() < 4.5

@@ -151,8 +151,8 @@ def test_a_model_that_cannot_see_the_data_stops_with_its_reason() -> None:
     """Beams that leave the screen, or numbers that are not finite, are a stop reason and not a crash."""
 
     def off_screen(x: np.ndarray) -> Linearisation:
-        nothing = np.zeros((1, 1))
-        return Linearisation(nothing, np.zeros((1, 1, 1)), np.empty((1, 1, 0)), np.ones((1, 1), dtype=bool), nothing, trouble="left_screen")
+        nothing, all_of = np.zeros((1, 1)), np.ones((1, 1), dtype=bool)
+        return Linearisation(nothing, np.zeros((1, 1, 1)), np.empty((1, 1, 0)), all_of, nothing, lost=all_of)
 
     for schedule in (iterated_schedule, paper_schedule):
         found = schedule(off_screen, Belief(np.zeros(1), np.eye(1)), Noise(1e-3, np.zeros(0)))

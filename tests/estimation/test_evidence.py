@@ -8,7 +8,7 @@ import pytest
 from urdfcal.api import fit
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.ekf import Belief, iterated_schedule
-from urdfcal.estimation.evidence import START_SCALES, by_evidence, group_of
+from urdfcal.estimation.evidence import START_SCALES, by_evidence
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
@@ -39,7 +39,7 @@ def test_scales_and_noise_are_those_of_the_truth(rng: np.random.Generator) -> No
     errors, linearise = linear(rng, names, rng.normal(0, 1, len(names)) * spread, 2e-3, 1000)
     noise = Noise(1e-3, np.zeros(0), stated=False)
     first = iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise)
-    _, found, chosen = by_evidence(linearise, errors, noise, first)
+    _, found, chosen = by_evidence(linearise, errors.prior(), noise, first)
     assert chosen.scales["translation"] == pytest.approx(1e-3, rel=0.25)
     assert chosen.scales["rotation"] == pytest.approx(4e-3, rel=0.35)
     assert chosen.scales["zero"] == pytest.approx(2e-2, rel=0.35)
@@ -50,7 +50,7 @@ def test_groups_are_of_joints_alone() -> None:
     """Mount, screen and beams keep their stated priors."""
     kinds = {"joint1.d_a": "joint", "joint1.d_beta": "joint", "joint1.d_theta": "joint", "slm.rot_x": "mount", "screen.trans_x": "screen"}
     groups = [
-        group_of(Parameter(name, "m" if name[-1] in "a" and "beta" not in name and "theta" not in name else "rad", kind, 0, 1))
+        Parameter(name, "m" if name[-1] in "a" and "beta" not in name and "theta" not in name else "rad", kind, 0, 1).scale_group
         for name, kind in kinds.items()
     ]  # type: ignore[arg-type]
     assert groups == ["translation", "rotation", "zero", "", ""]

@@ -71,7 +71,7 @@ def test_gross_outliers_are_named_and_left_out(
     """A fifth of the spots thrown off by centimetres is found, every one of them, and the estimate stays at the clean one."""
     hit = rng.random(clean.seen.shape) < 0.2
     spots = clean.spots + hit[..., None] * rng.choice([-0.1, 0.1], (*hit.shape, 2))
-    found, expected = fit(robots["panda"], replace(clean, spots=spots), spot_sigma=stated), fit(robots["panda"], clean, spot_sigma=stated)
+    found, expected = fit(robots["panda"], clean.with_spots(spots), spot_sigma=stated), fit(robots["panda"], clean, spot_sigma=stated)
     named = {(outlier.pose, outlier.laser) for outlier in found.outliers}
     thrown = {(f"pose {clean.poses[pose]}", clean.lasers[laser]) for pose, laser in np.argwhere(hit)}
     assert thrown <= named
@@ -85,7 +85,7 @@ def test_gross_outliers_are_named_and_left_out(
 def test_the_robust_estimator_needs_no_gate(robots: dict[str, Robot], clean: Measurements, rng: np.random.Generator) -> None:
     """Student's t holds the estimate near the clean one under a fifth of outliers, and near the filter's without any."""
     hit = rng.random(clean.seen.shape) < 0.2
-    spoilt = replace(clean, spots=clean.spots + hit[..., None] * 0.08)
+    spoilt = clean.with_spots(clean.spots + hit[..., None] * 0.08)
     expected = fit(robots["panda"], clean)
     for data in (clean, spoilt):
         found = fit(robots["panda"], data, estimator="robust")
@@ -97,7 +97,7 @@ def test_swapped_beams_are_exchanged_and_said(robots: dict[str, Robot], clean: M
     """Poses at which one beam was read as the other are recognised, exchanged and named; the fit is the clean one."""
     spots = clean.spots.copy()
     spots[[3, 17, 40]] = spots[[3, 17, 40]][:, ::-1]
-    found = fit(robots["panda"], replace(clean, spots=spots))
+    found = fit(robots["panda"], clean.with_spots(spots))
     assert [outlier.pose for outlier in found.outliers] == ["pose 4", "pose 18", "pose 41"]
     assert all("read for each other" in outlier.reason for outlier in found.outliers)
     np.testing.assert_allclose(found.x, fit(robots["panda"], clean).x, atol=1e-9)

@@ -10,11 +10,11 @@ from tests.support.helpers import ROBOTS, central_differences, poses_in_view
 from urdfcal.base.errors import ShapeMismatch
 from urdfcal.base.geometry import six_screws
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, laser_motion
+from urdfcal.model.jacobian import ArmKinematics, arm_motion
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.spots import spot_jacobian, spots_on_screen
+from urdfcal.sensors.spots import beams_at, beams_in, spot_jacobian
 
 SCALES = [0.0, 1e-9, 1e-5, 1e-2, 0.1]
 
@@ -30,12 +30,11 @@ def test_jacobians_are_derivatives(robots: dict[str, Robot], name: str, model: s
     q, arm = poses_in_view(robot, errors, x, 5, rng), ArmKinematics(robot.chain)
 
     def spots(state: np.ndarray) -> np.ndarray:
-        motion = laser_motion(arm, errors, q, state)
-        return spots_on_screen(motion.source, motion.direction)[0]
+        return beams_in(robot.chain, arm_motion(arm, errors, q, state)).spots
 
-    motion = laser_motion(arm, errors, q, x)
-    jacobian = spot_jacobian(spots(x), motion.direction) @ motion.jac1[:, None]
-    jacobian *= errors.moves_laser[:, None, :]
+    motion = arm_motion(arm, errors, q, x)
+    jacobian = spot_jacobian(spots(x), beams_in(robot.chain, motion).direction) @ motion.jac1[:, None]
+    jacobian *= errors.placements(x).moves[robot.chain.laser_frames][:, None, :]
     expected = central_differences(spots, x, step=1e-5)
     scale_of_column = np.maximum(np.abs(expected).max(axis=(0, 1, 2)), 1e-3)
     worst = (np.abs(jacobian - expected) / scale_of_column).max(axis=(0, 1, 2))
@@ -51,11 +50,11 @@ def test_joint_jacobian_is_the_derivative_by_q(robots: dict[str, Robot], name: s
     q = poses_in_view(robot, errors, x, 1, rng)[0]
 
     def spots(positions: np.ndarray) -> np.ndarray:
-        motion = laser_motion(arm, errors, positions[None], x)
-        return spots_on_screen(motion.source, motion.direction)[0][0]
+        return beams_in(robot.chain, arm_motion(arm, errors, positions[None], x)).spots[0]
 
-    motion = laser_motion(arm, errors, q[None], x, joints=True)
-    jacobian = spot_jacobian(spots(q)[None], motion.direction)[0] @ motion.joint_jacobian
+    motion = arm_motion(arm, errors, q[None], x, joints=True)
+    direction = beams_in(robot.chain, motion).direction
+    jacobian = spot_jacobian(spots(q)[None], direction)[0] @ motion.axis_twists @ robot.chain.coupling.T
     np.testing.assert_allclose(jacobian, central_differences(spots, q), rtol=1e-7, atol=1e-8)
 
 
@@ -65,7 +64,7 @@ def test_twists_are_pinocchios_regressor(robots: dict[str, Robot], name: str, rn
     robot = robots[name]
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="placement"))
     q = rng.uniform(-1, 1, (1, len(robot.chain.inputs)))
-    motion = laser_motion(ArmKinematics(robot.chain), errors, q, np.zeros(len(errors.names)))
+    motion = arm_motion(ArmKinematics(robot.chain), errors, q, np.zeros(len(errors.names)))
     model, data = robot.model, robot.model.createData()
     full = pin.neutral(model)
     for joint, value in zip(robot.chain.inputs, q[0], strict=True):
@@ -88,11 +87,10 @@ def test_home_pose_of_the_seven_joint_arm(robots: dict[str, Robot]) -> None:
     """At q = 0 the module and its spots are where the digest of the paper has them."""
     robot = robots["arm7"]
     errors = build_error_model(robot.chain, robot.rig)
-    motion = laser_motion(ArmKinematics(robot.chain), errors, np.zeros((1, 7)), np.zeros(len(errors.names)))
-    spots, length = spots_on_screen(motion.source, motion.direction)
-    np.testing.assert_allclose(motion.source[0] * 1e3, [[-500, 100, -450]] * 2, atol=1e-9)
-    np.testing.assert_allclose(spots[0] * 1e3, [[-188.675, -450.0], [388.675, -450.0]], atol=5e-4)
-    np.testing.assert_allclose(length[0] * 1e3, [577.350, 577.350], atol=5e-4)
+    beams = beams_at(errors, np.zeros(len(errors.names)), np.zeros((1, 7)))
+    np.testing.assert_allclose(beams.source[0] * 1e3, [[-500, 100, -450]] * 2, atol=1e-9)
+    np.testing.assert_allclose(beams.spots[0] * 1e3, [[-188.675, -450.0], [388.675, -450.0]], atol=5e-4)
+    np.testing.assert_allclose(beams.length[0] * 1e3, [577.350, 577.350], atol=5e-4)
 
 
 def test_positions_of_the_wrong_shape_are_refused(robots: dict[str, Robot]) -> None:

@@ -12,7 +12,7 @@ from tests.support.helpers import assert_poses_close, central_differences, poses
 from tests.support.sensor_cases import CASES, SensorCase, session_errors, setup_of
 from tests.support.small_robot import joint, robot_of, robot_text
 from urdfcal.base.geometry import SE3, Matrix, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.gravity import Gravity, WeighedRobot
@@ -22,6 +22,7 @@ from urdfcal.model.softness import EXTRAS, Softness, across, extra_terms, gravit
 from urdfcal.robot.chain import Step
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.spots import beams_in
 from urdfcal.simulation.readings import simulate_readings
 
 CARRIED = SensorCase("panda", ("pose:panda_link0", "point:panda_link3"), "panda_link8")
@@ -45,7 +46,7 @@ def soft_model(robot: Robot, errors: ErrorModel, q: Matrix, gravity: Gravity | N
     return with_softness(errors, terms, weighed, robot.rig.module)
 
 
-def soft_case(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> tuple[SpotModel, Vector]:
+def soft_case(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> tuple[Problem, Vector]:
     """A measured robot that gives way, with payloads and known last moves, and a state far from zero."""
     case = SOFT[name]
     if case is None:
@@ -61,7 +62,7 @@ def soft_case(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> 
     data = replace(data, payload=rng.uniform(0, 3, len(data)), approach=rng.integers(-1, 2, data.q.shape).astype(float))
     soft = soft_model(robot, errors, data.q)
     x = np.append(x, np.zeros(len(soft.names) - len(x))) + rng.normal(0, 5e-3, len(soft.names))
-    return SpotModel(soft, data), x
+    return Problem(soft, data), x
 
 
 @pytest.mark.parametrize("name", SOFT)
@@ -86,6 +87,7 @@ def test_a_soft_arm_is_the_product_of_its_turns(name: str, robots: dict[str, Rob
     bare = ErrorModel(chain, (), (), held=values, soft=soft)
     arm = ArmKinematics(chain, soft.bends)
     motion = motion_at(arm, bare.placements(np.empty(0)), arm.chain_positions(model.data.q), yielding=bare.yielding(np.empty(0), basis))
+    beams = beams_in(chain, motion)
     positions = (model.data.q @ chain.coupling + chain.offset) * [1.0 if step.forward else -1.0 for step in chain.moving]
     for pose in range(len(model.data)):
         turned = [
@@ -97,8 +99,8 @@ def test_a_soft_arm_is_the_product_of_its_turns(name: str, robots: dict[str, Rob
             T_laser = T
             for fixed in way:
                 T_laser = T_laser * fixed.origin
-            np.testing.assert_allclose(motion.source[pose, index], T_laser.translation, atol=1e-12)
-            np.testing.assert_allclose(motion.direction[pose, index], T_laser.rotation[:, 2], atol=1e-12)
+            np.testing.assert_allclose(beams.source[pose, index], T_laser.translation, atol=1e-12)
+            np.testing.assert_allclose(beams.direction[pose, index], T_laser.rotation[:, 2], atol=1e-12)
         for index, frame in enumerate(chain.frames):
             T_frame = behind(chain.steps, positions[pose], turned)[frame.depth]
             for step in frame.steps:

@@ -14,8 +14,8 @@ from tests.support.small_robot import LASERS, URDF, joint, robot_of, robot_text
 from urdfcal.base.errors import RigError, RobotError
 from urdfcal.base.geometry import SE3
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, laser_motion
 from urdfcal.robot.robot import Robot, robot_from
+from urdfcal.sensors.spots import beams_at
 
 TILT = '<axis xyz="0.3 -2 0.5"/><origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/>'
 LIFT = '<axis xyz="1 1 0"/><origin xyz="-0.2 0.1 0.3" rpy="-1.2 0.3 2.5"/>'
@@ -36,10 +36,10 @@ def witness(robot: Robot, positions: Mapping[str, float]) -> list[SE3]:
 def assert_beams_agree(robot: Robot, positions: Mapping[str, float]) -> None:
     """Fail where our chain and Pinocchio's model see a beam at different places."""
     q = np.array([[positions[name] for name in robot.chain.input_names]])
-    motion = laser_motion(ArmKinematics(robot.chain), ErrorModel(robot.chain, (), ()), q, np.empty(0))
+    beams = beams_at(ErrorModel(robot.chain, (), ()), np.empty(0), q)
     expected = witness(robot, positions)
-    np.testing.assert_allclose(motion.source[0], [placement.translation for placement in expected], atol=1e-12)
-    np.testing.assert_allclose(motion.direction[0], [placement.rotation[:, 2] for placement in expected], atol=1e-12)
+    np.testing.assert_allclose(beams.source[0], [placement.translation for placement in expected], atol=1e-12)
+    np.testing.assert_allclose(beams.direction[0], [placement.rotation[:, 2] for placement in expected], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])

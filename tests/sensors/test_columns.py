@@ -17,7 +17,7 @@ from tests.support.sensor_cases import CASES, NOISE, robot_named, setup_of
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.rotations import quaternions_of
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.columns import figaroh_name, lost_column, refusal, target_columns
+from urdfcal.sensors.columns import figaroh_name, lost_column, reading_columns, refusal
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
 from urdfcal.simulation.readings import simulate_readings
@@ -47,7 +47,7 @@ def test_what_was_written_comes_back(name: str, robots: dict[str, Robot], rng: n
     readings = list(data.readings)
     stated = np.where(np.arange(12) % 2, 1e-3, np.nan)
     for index, own in enumerate(readings):
-        if own.kind == "point":
+        if own.sensor == "point":
             values = own.values.copy()
             values[3], values[4, 1] = np.nan, np.nan
             readings[index] = replace(own, values=values, sigma=stated)
@@ -61,7 +61,7 @@ def test_what_was_written_comes_back(name: str, robots: dict[str, Robot], rng: n
         np.testing.assert_allclose(getattr(back, field), getattr(data, field), rtol=1e-11)
     for field in ("poses", "sets", "sessions"):
         assert getattr(back, field).tolist() == getattr(data, field).tolist()
-    assert [(own.kind, own.target, own.link) for own in back.readings] == [(own.kind, own.target, own.link) for own in data.readings]
+    assert [(own.sensor, own.target, own.link) for own in back.readings] == [(own.sensor, own.target, own.link) for own in data.readings]
     for actual, desired in zip(back.readings, data.readings, strict=True):
         np.testing.assert_allclose(actual.values, desired.values, atol=1e-11)
         assert actual.labels.tolist() == desired.labels.tolist()
@@ -83,7 +83,7 @@ def test_units_and_orientations_mean_the_same_however_they_are_written(tmp_path:
     ]
     for text in spellings:
         data = read(tmp_path, text)
-        by_kind = {own.kind: own for own in data.readings}
+        by_kind = {own.sensor: own for own in data.readings}
         np.testing.assert_allclose(by_kind["point"].values, [[0.1, -0.2, 0.3]], atol=1e-15)
         np.testing.assert_allclose(Rotation.from_quat(by_kind["orientation"].values).as_matrix(), [turn.as_matrix()], atol=1e-14)
     assert read(tmp_path, table("tool.distance [mm]", "1500")).readings[0].values[0, 0] == pytest.approx(1.5)
@@ -108,7 +108,7 @@ def test_figarohs_columns_are_read_as_they_are(tmp_path: Path) -> None:
     """x1, y1, z1, phix1, phiy1, phiz1 belong to the link that is named, those of further markers to labels."""
     text = table("x1,y1,z1,phix1,phiy1,phiz1,x2,y2,z2", "1,2,3,0.1,0.2,0.3,4,5,6")
     data = read(tmp_path, text, target="tool")
-    assert [(own.kind, own.target, own.link) for own in data.readings] == [
+    assert [(own.sensor, own.target, own.link) for own in data.readings] == [
         ("point", "tool", "tool"),
         ("orientation", "tool", "tool"),
         ("point", "tool:2", "tool"),
@@ -128,11 +128,13 @@ def test_links_and_labels_are_told_apart(tmp_path: Path) -> None:
     """Several targets on one link, links with a label, lasers with x beside y and z, and sigmas of nothing."""
     robot = robot_of(URDF)
     names = ["tool.x", "tool:a.x", "tool:b:c.x", "slm.distance", "laser_1.y", "laser_1.z", "nobody.x", "tool.w", "upper.sigma", "turn"]
-    found = target_columns(names, robot, ("laser_1", "laser_2"))
-    assert [(column.target, column.link, column.kind) for column in found] == [
+    found = reading_columns(names, robot, ("laser_1", "laser_2"))
+    assert [(column.target, column.link, column.sensor) for column in found] == [
         ("tool", "tool", "point"),
         ("tool:a", "tool", "point"),
         ("slm", "slm", "distance"),
+        ("laser_1", "laser_1", "spot"),
+        ("laser_1", "laser_1", "spot"),
     ]
     data = read(tmp_path, table("laser_1.x,laser_1.y,laser_1.z", *POINTS))
     assert (data.lasers, [own.target for own in data.readings]) == ((), ["laser_1"])
@@ -154,7 +156,7 @@ HEADERS = {
 def test_columns_that_cannot_be_taken_are_named(case: str) -> None:
     """The first such column, and the way out."""
     names, units, expected = HEADERS[case]
-    found = refusal(target_columns(names, robot_of(URDF), ()), units)
+    found = refusal(reading_columns(names, robot_of(URDF), ()), units)
     if expected is None:
         assert found is None
     else:

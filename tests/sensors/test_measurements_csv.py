@@ -292,7 +292,7 @@ WRONG = {
     "sets": (dict(sets=["fit"]), "sets has shape"),
     "infinite": (dict(q=np.full((2, 3), np.inf)), "joint positions must be finite"),
     "lone": (dict(spots=np.array([[[1, np.nan], [1, 1]]] * 2)), "a spot is two finite numbers"),
-    "sigma": (dict(sigma=np.zeros((2, 2))), "a stated standard deviation is finite and above zero"),
+    "sigma": (dict(sigma=np.zeros((2, 2))), "must be finite, and stated standard deviations above zero"),
     "set": (dict(sets=["fit", "train"]), "belongs to the set 'fit' or 'test'"),
 }
 

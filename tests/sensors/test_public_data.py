@@ -132,7 +132,7 @@ def test_figaroh_files_are_read_as_they_are(tmp_path: Path, example_robots: Path
     path.write_text(text, encoding="utf-8")
     robot = urdfcal.load_robot(example_robots / "talos_data/robots/talos_reduced.urdf")
     data = urdfcal.read_measurements(path, robot, target="arm_left_7_link")
-    assert [(each.kind, each.target) for each in data.readings] == [("point", "arm_left_7_link")]
+    assert [(each.sensor, each.target) for each in data.readings] == [("point", "arm_left_7_link")]
     np.testing.assert_array_equal(data.readings[0].values, [[0.1, 0.2, 0.3]])
     assert data.joints[:2] == ("torso_1_joint", "torso_2_joint")
     assert any("'t'" in warning for warning in data.warnings)

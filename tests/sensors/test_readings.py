@@ -9,7 +9,8 @@ import pytest
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.robot.rig import Place, Target
-from urdfcal.sensors.readings import STORED, KnownLength, Readings, instruments_of, known_lengths
+from urdfcal.sensors.readings import KnownLength, Readings, instruments_of, known_lengths
+from urdfcal.sensors.registry import SENSORS
 
 
 def reading(kind: str, values: object = None, labels: object = None, target: str = "tool", sigma: object = None) -> Readings:
@@ -30,7 +31,7 @@ SOCKETS = reading("socket", labels=["2", "1", "2"], target="tool:ball")
 @pytest.mark.parametrize(
     ("own", "seen", "numbers"),
     [(POINTS, [1, 0, 1], 5), (TURNS, [1, 0, 1], 6), (WIRE, [1, 0, 1], 2), (PLANES, [1, 0, 1], 2), (SOCKETS, [1, 1, 1], 9)],
-    ids=lambda own: own.kind if isinstance(own, Readings) else "",
+    ids=lambda own: own.sensor if isinstance(own, Readings) else "",
 )
 def test_what_was_seen_is_counted(own: Readings, seen: list[int], numbers: int) -> None:
     """A pose counts if anything of it was read; an orientation has three numbers, a plane one, a socket three."""
@@ -59,10 +60,10 @@ def test_instruments_follow_from_the_readings() -> None:
     assert not instruments_of([WIRE, PLANES, SOCKETS], "").placed
 
 
-@pytest.mark.parametrize("kind", sorted(STORED))
+@pytest.mark.parametrize("kind", sorted(SENSORS))
 def test_shapes_that_do_not_fit_are_refused(kind: str) -> None:
     """Every kind has its own number of columns; infinite values and sigmas that are not above zero are refused."""
-    n, k = 2, STORED[kind]
+    n, k = 2, SENSORS[kind].stored
     with pytest.raises(ShapeMismatch, match=rf"readings of tool: values have shape \(2, {k + 1}\), expected \(2, {k}\)"):
         Readings(kind, "tool", "tool", np.ones((n, k + 1)), np.full(n, "a"), np.full(n, NAN))
     for values, sigma in ((np.full((n, k), np.inf), [1.0, 1.0]), (np.ones((n, k)), [1.0, 0.0]), (np.ones((n, k)), [1.0, -1.0])):

@@ -14,12 +14,11 @@ import pytest
 from tests.support.helpers import assert_poses_close
 from urdfcal.api import fit
 from urdfcal.base.errors import MeasurementError, UsageError
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.frames import _nominal
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.slots import SIX
-from urdfcal.robot.rig import Grid
+from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.measurements import Measurements, as_spots, measurements_from
@@ -51,7 +50,7 @@ def in_pixels(robot: Robot, camera: Camera, rng: np.random.Generator, poses: int
     pixels = true.pixels_of_spots(true_spots(robot, errors, x, q).reshape(-1, 2)).reshape(-1, 2, 2)
     pixels = pixels + rng.normal(0, NOISE_PX, pixels.shape)
     blank, none = np.full(poses, ""), np.full(poses, np.nan)
-    readings = tuple(Readings("pixel", laser, laser, pixels[:, index], blank, none) for index, laser in enumerate(robot.rig.lasers))
+    readings = tuple(Readings("spot_pixel", laser, laser, pixels[:, index], blank, none) for index, laser in enumerate(robot.rig.lasers))
     data = measurements_from(robot, q, np.full((poses, 2, 2), np.nan))
     return replace(data, camera=camera, readings=readings), dict(zip(errors.names, x.tolist(), strict=True))
 
@@ -60,7 +59,7 @@ def test_pixels_have_the_derivatives_of_their_differences(robots: dict[str, Robo
     """The Jacobian, the camera's errors included, is that of central differences away from zero."""
     data, _ = in_pixels(robots["panda"], camera, rng, 8)
     found = build_error_model(robots["panda"].chain, robots["panda"].seen_by(data.instruments, None).rig)
-    model, x = SpotModel(found, data), rng.normal(0, 3e-3, len(found.names))
+    model, x = Problem(found, data), rng.normal(0, 3e-3, len(found.names))
     assert {"camera.trans_x", "camera.rot_z"} <= set(found.names)
     J, h = model.linearise(x).jacobian, 1e-6
     steps = h * np.eye(len(x))
@@ -97,7 +96,7 @@ def test_the_command_line_takes_the_camera(
     """`fit --camera` reads .u and .v; without the camera they are refused in one line that says so."""
     data, _ = in_pixels(robots["panda"], camera, rng)
     (tmp_path / "camera.yaml").write_bytes(camera_yaml(camera))
-    (tmp_path / "m.csv").write_bytes(measurements_csv(replace(data, lasers=(), spots=data.spots[:, :0], sigma=data.sigma[:, :0])))
+    (tmp_path / "m.csv").write_bytes(measurements_csv(data))
     urdf = robots["panda"].description.path
     done = run_cli("fit", urdf, "m.csv", "--camera", "camera.yaml", "--no-sag")
     assert done.code == 0  # type: ignore[attr-defined]
@@ -115,7 +114,7 @@ def test_the_corrected_camera_repeats_the_fits_figures(
     """`evaluate` and `view` of the calibrated URDF with the camera that `fit` wrote have the fit's own errors; with the old one not."""
     data, _ = in_pixels(robots["panda"], camera, rng)
     (tmp_path / "old.yaml").write_bytes(camera_yaml(camera))
-    (tmp_path / "m.csv").write_bytes(measurements_csv(replace(data, lasers=(), spots=data.spots[:, :0], sigma=data.sigma[:, :0])))
+    (tmp_path / "m.csv").write_bytes(measurements_csv(data))
     (tmp_path / "arm.urdf").write_bytes(robots["panda"].description.text)
     fitted = json.loads(run_cli("fit", "arm.urdf", "m.csv", "--camera", "old.yaml", "--no-sag", "--json").out)  # type: ignore[attr-defined]
     assert fitted["files"]["camera"] == "arm_camera.yaml"
@@ -186,18 +185,12 @@ def test_a_target_in_pictures_calibrates_the_arm(robots: dict[str, Robot], camer
     errors = build_error_model(seen.chain, seen.rig)
     joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
     x = np.where(joints, rng.normal(0, 1, len(joints)) * np.where(np.array(errors.units) == "m", 1e-3, 2e-3), 0.0)
-    places = (
-        -SpotModel(errors, replace(bare, lasers=(), spots=bare.spots[:, :0], sigma=bare.sigma[:, :0], readings=(point,)))
-        .linearise(x)
-        .residual
-    )
+    places = -Problem(errors, replace(bare, readings=(point,))).linearise(x).residual
     T_camera_root = pin.SE3(SCREEN_TO_CAMERA, np.array([0.0, 0.3, 2.5]))
     pixels = camera.project(places @ T_camera_root.rotation.T + T_camera_root.translation)
     kept = np.isfinite(pixels).all(axis=1)
     read = Readings("pixel", target, target, (pixels + rng.normal(0, NOISE_PX, pixels.shape))[kept], blank[kept], none[kept])
-    data = replace(
-        bare.subset(kept), lasers=(), spots=bare.spots[kept][:, :0], sigma=bare.sigma[kept][:, :0], camera=camera, readings=(read,)
-    )
+    data = replace(replace(bare, readings=()).subset(kept), camera=camera, readings=(read,))
     half = np.arange(len(data)) < len(data) // 2
     found = fit(robot, data.subset(half), test=data.subset(~half))
     assert found.converged
@@ -212,7 +205,7 @@ def test_a_board_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rn
     board, reference = ("base_link", "slm") if carried else ("slm", "base_link")
     blank, none = np.full(n, ""), np.full(n, np.nan)
     q = np.array([0.0, -1.2, 1.4, -1.8, -1.5, 0.3]) + rng.uniform(-0.35, 0.35, (n, 6))
-    bare = replace(measurements_from(robot, q, np.full((n, 2, 2), np.nan)), lasers=(), spots=np.empty((n, 0, 2)), sigma=np.empty((n, 0)))
+    bare = measurements_from(robot, q, np.full((n, 2, 2), np.nan))
     points = tuple(Readings("pixel", f"{board}:{k}", board, np.full((n, 2), 1.0), blank, none) for k in range(grid.corners))
     data = replace(bare, readings=points, camera=camera, boards={board: grid}, reference=reference)
     seen = robot.seen_by(data.instruments, ())
@@ -227,7 +220,7 @@ def test_a_board_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rn
     frames = {"target": offset, "reference": pin.SE3(R[0], b[0]) * offset * ahead.inverse()}
     slots = tuple(replace(slot, found={"": frames[slot.kind]}) if slot.frame is not None else slot for slot in errors.slots)
     true = replace(errors, slots=slots)
-    pixels = 1.0 - SpotModel(true, data).linearise(x).residual
+    pixels = 1.0 - Problem(true, data).linearise(x).residual
     pixels = pixels + rng.normal(0, NOISE_PX, pixels.shape)
     read = tuple(replace(each, values=pixels[:, 2 * k : 2 * k + 2]) for k, each in enumerate(points))
     half = np.arange(n) < n // 2

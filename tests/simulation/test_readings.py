@@ -17,7 +17,7 @@ from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.rotations import matrices, rotation_vectors
 from urdfcal.calibration.error_table import error_table
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.simulation.readings import ReadingNoise, reading_noise, simulate_readings
@@ -48,7 +48,7 @@ def test_readings_have_the_stated_noise(distribution: str, robots: dict[str, Rob
     setup = setup_of(case, robots, rng)
     size, factor = reading_noise(0.0, 0.0, distribution, 2.0, 0.1), 1.0 if distribution == "gaussian" else 3**-0.5
     data = simulate_readings(setup, 600, rng, size)
-    here = SpotModel(setup.errors, data).linearise(setup.x)
+    here = Problem(setup.errors, data).linearise(setup.x)
     for block in here.blocks:
         left = here.residual[:, block.columns][here.measured[:, block.columns]]
         stated = 0.1 * DEG if block.unit == "deg" else 2.0 * MM
@@ -70,7 +70,7 @@ def test_touches_take_turns_within_the_joints_limits(robots: dict[str, Robot], r
     setup = setup_of(CASES["every kind"], robots, rng)
     assert [turn.label for turn in turns_of(setup.sensors)] == ["1", "2", "3", "4", "1", "2", "3", "4"]
     data = simulate_readings(setup, 24, rng, NOISE)
-    touches = [own for own in data.readings if own.kind in ("plane", "socket")]
+    touches = [own for own in data.readings if own.kind.touches]
     assert sum(own.seen.astype(int) for own in touches).tolist() == [1] * 24
     for own in touches:
         assert np.unique(own.labels[own.seen], return_counts=True)[1].tolist() == [3] * 4
@@ -165,6 +165,6 @@ def test_a_table_of_perfect_readings_is_zero(robots: dict[str, Robot], rng: np.r
     """Without noise, at the truth, nothing is left in any kind's own unit."""
     setup = setup_of(CASES["every kind"], robots, rng)
     data = simulate_readings(setup, 80, rng)
-    table = error_table(SpotModel(setup.errors, data).linearise(setup.x), len(data))
+    table = error_table(Problem(setup.errors, data).linearise(setup.x), len(data))
     assert len(table) == 8
     assert max(row.max for row in table.values()) < 1e-7

@@ -9,10 +9,9 @@ import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector, distance_mm_mrad
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, laser_motion
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.spots import spots_on_screen
+from urdfcal.sensors.spots import beams_at
 
 ROBOTS = ("arm7", "arm4", "panda", "ur5", "tiago")
 
@@ -42,13 +41,11 @@ def assert_poses_close(actual: object, desired: object, *, mm: float = 1e-6, mra
 
 def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, count: int, rng: np.random.Generator, least_zx: float = 0.3) -> Matrix:
     """Random joint positions at which every beam meets the screen at no grazing angle and within 3 m, limits apart."""
-    arm = ArmKinematics(robot.chain)
     found = np.empty((0, len(robot.chain.inputs)))
     while len(found) < count:
         q = rng.uniform(-2.5, 2.5, (2000, len(robot.chain.inputs)))
         q[:, [joint.prismatic for joint in robot.chain.inputs]] *= 0.1
-        motion = laser_motion(arm, errors, q, x)
-        _, length = spots_on_screen(motion.source, motion.direction)
-        good = (np.abs(motion.direction[..., 0]) > least_zx) & (length > 0) & (length < 3)
+        beams = beams_at(errors, x, q)
+        good = (np.abs(beams.direction[..., 0]) > least_zx) & (beams.length > 0) & (beams.length < 3)
         found = np.vstack([found, q[good.all(axis=1)]])
     return found[:count]

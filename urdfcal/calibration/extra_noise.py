@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, posterior
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.sensors.measurements import Measurements, kinds_of
-from urdfcal.sensors.sensor import KINDS
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.registry import WORDS
 
 MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
 _STILL = 1e-9  # share of s^2
@@ -30,10 +30,10 @@ _SAME = 0.01  # share of s by which it may be off
 def without_stated_noise(data: Measurements) -> Measurements:
     """The same measurements as if none stated its noise."""
     readings = tuple(replace(each, sigma=np.full_like(each.sigma, np.nan)) for each in data.readings)
-    return replace(data, sigma=np.full_like(data.sigma, np.nan), readings=readings)
+    return replace(data, readings=readings)
 
 
-def extra_noise(fitted: SpotModel, x: Vector, noise: Noise, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
+def extra_noise(fitted: Problem, x: Vector, noise: Noise, data: Measurements, kinds: Sequence[str]) -> dict[str, float]:
     """What has to be added to the stated noise, by kind, [m], [rad] or [px]: the s that makes chi-squared its degrees of freedom.
 
     Both change with s, since precise readings draw the fit more. So in turn: residuals and leverages of the linearised fit with the
@@ -47,8 +47,8 @@ def extra_noise(fitted: SpotModel, x: Vector, noise: Noise, data: Measurements, 
         kinds: Kinds that scatter more than they state.
     """
     here, errors = fitted.linearise(x), fitted.errors
-    sigma, prior = SpotModel(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
-    index = {kind: kinds_of(data).index(kind) for kind in kinds}
+    sigma, prior = Problem(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
+    index = {kind: data.kinds.index(kind) for kind in kinds}
     extra = dict.fromkeys(kinds, 0.0)
     variance = _variance(here, sigma, noise)
     own = {kind: here.measured[: len(data)] & np.isfinite(variance) & (here.kinds == index[kind]) for kind in kinds}
@@ -102,8 +102,8 @@ def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:
     """The measurements with more noise than they state."""
     if not extra:
         return data
-    readings = tuple(replace(each, sigma=np.hypot(each.sigma, extra.get(each.kind, 0.0))) for each in data.readings)
-    return replace(data, sigma=np.hypot(data.sigma, extra.get("spot", 0.0)), readings=readings)
+    readings = tuple(replace(each, sigma=np.hypot(each.sigma, extra.get(each.noise, 0.0))) for each in data.readings)
+    return replace(data, readings=readings)
 
 
 def in_words(extra: Mapping[str, float]) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ def in_words(extra: Mapping[str, float]) -> tuple[str, ...]:
     warnings = []
     for kind, size in extra.items():
         warnings.append(
-            f"the {KINDS[kind].several} scatter more than their .sigma columns state: {KINDS[kind].told(size)} were added to "
+            f"the {WORDS[kind].several} scatter more than their .sigma columns state: {WORDS[kind].told(size)} were added to "
             "each in quadrature, as noise that the sensor does not know of"
         )
     return tuple(warnings)

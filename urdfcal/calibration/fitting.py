@@ -13,9 +13,17 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.error_table import error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
 from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement, few_spots, large_noise, large_scales
-from urdfcal.calibration.start.begin import begin, explains, require_beams_on_screen, require_sane_readings, start_of_pixels, with_scale
+from urdfcal.calibration.start.begin import (
+    aimed,
+    begin,
+    explains,
+    require_beams_on_screen,
+    require_sane_readings,
+    start_of_pixels,
+    with_scale,
+)
 from urdfcal.calibration.start.nominal import NominalFit, nominal_fit, with_new_places
 from urdfcal.estimation.ekf import Belief, Estimate, posterior
 from urdfcal.estimation.estimators import USUAL_Q, USUAL_R, Method
@@ -29,7 +37,7 @@ from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, in_pixels, kinds_of, require_screen_of_camera
+from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, in_pixels, require_screen_of_camera
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
@@ -127,7 +135,7 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     test = widened(test, calibration.extra_noise)
     noise = calibration.estimate.noise
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
-    model, outliers = without_gross_outliers(model_for(test_errors, test, noise), calibration.estimate)
+    model, outliers = without_gross_outliers(problem_of(test_errors, test, noise), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
     return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
 
@@ -163,10 +171,10 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
     Raises:
         UsageError: names it.
     """
-    known = {frame.name for frame in calibration.errors.chain.frames}
+    known = {frame.name for frame in calibration.errors.chain.frames if frame.role == "target"}
     strange = [target.name for target in test.instruments.targets if target.name not in known]
     fitted = calibration.data
-    pixels = [any(data.of_laser(each) for each in data.readings) for data in (test, fitted)]
+    pixels = [in_pixels(data) for data in (test, fitted)]
     if test.joints != fitted.joints or test.lasers != fitted.lasers or pixels == [True, False]:
         strange = strange or ["other joints or lasers"]
     if strange:
@@ -217,11 +225,11 @@ class FitTask:
         """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
         errors = nominal.errors
         start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
-        first = _first_fit(replace(self.method, start=start), model_for(errors, data, noise), nominal.x, noise)
-        if not data.seen.any() or self.method.as_published or explains(first.model, first.found, noise):
+        first = _first_fit(replace(self.method, start=start), problem_of(errors, data, noise), nominal.x, noise)
+        if not aimed(data) or self.method.as_published or explains(first.model, first.found, noise):
             return first
         begun = begin(first.model, noise, self.sane)
-        return _first_fit(replace(self.method, start=begun.x), model_for(begun.errors, data, noise), begun.x, noise, begun.message)
+        return _first_fit(replace(self.method, start=begun.x), problem_of(begun.errors, data, noise), begun.x, noise, begun.message)
 
     def _scaled(self, first: _First, clean: CleanFit, noise: Noise) -> _Scaled:
         """Refit with the joints' prior scales chosen by evidence; priors that were stated, also for single parameters, stay."""
@@ -231,11 +239,12 @@ class FitTask:
             return _Scaled(errors, found)
         single = self.options.single.items()
         stated = [name for pattern, said in single if said.sigma is not None for name in matching(errors.parameters, pattern)]
-        errors, refitted, chosen = by_evidence(clean.model.linearise, errors, noise, found, stated)
+        prior, refitted, chosen = by_evidence(clean.model.linearise, errors.prior(keep=stated), noise, found)
+        errors = errors.with_prior(prior)
         if method.estimator != "ekf":
             again = replace(method, start=refitted.belief.x)
-            refitted = again.run(clean.model, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
-            belief = Belief(refitted.belief.x, with_unsure_scales(errors, chosen.groups, refitted.belief))
+            refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
+            belief = Belief(refitted.belief.x, with_unsure_scales(prior, refitted.belief))
             refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
         return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
 
@@ -267,7 +276,7 @@ class FitTask:
                 *few_spots(data, found.noise, freedom),
                 *large_scales(scaled.evidence),
             ),
-            misfits=dict(zip(kinds_of(data), _misfits(self.method, found.noise, here, plain), strict=True)),
+            misfits=dict(zip(data.kinds, _misfits(self.method, found.noise, here, plain), strict=True)),
         )
         return replace(result, warnings=(*result.warnings, *disagreement(result), *large_noise(result)))
 
@@ -286,7 +295,7 @@ class _First:
     """
 
     method: Method
-    model: SpotModel
+    model: Problem
     x: Vector
     prior: Belief
     found: Estimate
@@ -307,9 +316,9 @@ class _First:
         return clean
 
 
-def _first_fit(method: Method, model: SpotModel, x: Vector, noise: Noise, message: str = "") -> _First:
+def _first_fit(method: Method, model: Problem, x: Vector, noise: Noise, message: str = "") -> _First:
     prior = Belief.independent(model.errors.mean, model.errors.sigma)
-    return _First(method, model, x, prior, method.run(model, prior, noise), message)
+    return _First(method, model, x, prior, method.run(model.linearise, prior, noise), message)
 
 
 @dataclass(frozen=True)
@@ -386,4 +395,4 @@ def _extra_at(found: FitResult, data: Measurements, kinds: Sequence[str]) -> dic
     noise = found.estimate.noise
     if not kinds or not found.converged:
         return {}
-    return extra_noise(model_for(found.errors, found.data, noise), found.x, noise, data, kinds)
+    return extra_noise(problem_of(found.errors, found.data, noise), found.x, noise, data, kinds)

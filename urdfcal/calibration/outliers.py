@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from urdfcal.base.geometry import MM, Mask, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, Estimate
-from urdfcal.estimation.estimators import Method, observations_of
+from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.robust import beyond_belief, gate, inside
+from urdfcal.estimation.robust import Observations, beyond_belief, gate, inside
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import UNITS
 
@@ -50,12 +50,12 @@ class CleanFit:
         outliers: What was left out or mended.
     """
 
-    model: SpotModel
+    model: Problem
     estimate: Estimate
     outliers: tuple[Outlier, ...] = ()
 
 
-def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
+def fit_without_outliers(method: Method, model: Problem, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
     """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
 
     The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables.
@@ -72,8 +72,8 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
         return CleanFit(model, clean)
     mended, swaps = _unswapped(model, clean)
     if swaps:
-        model = SpotModel(model.errors, mended, model.joints)
-        first = method.run(model, prior, noise)
+        model = model.with_data(mended)
+        first = method.run(model.linearise, prior, noise)
         clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
         return CleanFit(model, clean, swaps)
@@ -81,7 +81,7 @@ def fit_without_outliers(method: Method, model: SpotModel, prior: Belief, noise:
     return CleanFit(_of_kept(model, kept), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
 
 
-def without_gross_outliers(model: SpotModel, found: Estimate) -> tuple[SpotModel, tuple[Outlier, ...]]:
+def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tuple[Outlier, ...]]:
     """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
 
     A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
@@ -92,23 +92,18 @@ def without_gross_outliers(model: SpotModel, found: Estimate) -> tuple[SpotModel
     """
     if len(found.belief.x) != len(model.errors.names):
         return model, ()
-    out = beyond_belief(observations_of(model), found)
+    out = beyond_belief(Observations.of(model.linearise, found.belief.x), found)
     return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
 
 
-def _of_kept(model: SpotModel, kept: Mask) -> SpotModel:
+def _of_kept(model: Problem, kept: Mask) -> Problem:
     """The model as if the others, (n, blocks), had not been measured."""
-    data, lasers = model.data, len(model.data.lasers)
-    kept = kept[: len(data)]
-    spots = np.where(kept[:, :lasers, None], data.spots, np.nan)
-    columns = {(each.data.kind, each.data.target): own for each, own in zip(model.readings, kept[:, lasers:].T, strict=True)}
-    readings = tuple(each.without(~columns[each.kind, each.target]) for each in data.readings)
-    return SpotModel(model.errors, replace(data, spots=spots, readings=readings), model.joints)
+    return model.with_data(model.data.without(~kept[: len(model.data)]))
 
 
-def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
+def _told_apart(method: Method, model: Problem, prior: Belief, noise: Noise, first: Estimate) -> tuple[Estimate, Mask | None]:
     """A fit without outliers, and which observations are none, (n, blocks); None if none is."""
-    spots = observations_of(model)
+    spots = Observations.of(model.linearise, first.belief.x)
     if method.estimator != "robust":
         return gate(spots, prior, noise, first, begin=method.start, **method.limits())
     if not first.converged:
@@ -117,30 +112,32 @@ def _told_apart(method: Method, model: SpotModel, prior: Belief, noise: Noise, f
     return first, None if kept.all() or spots.too_few(kept) else kept
 
 
-def _unswapped(model: SpotModel, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
+def _unswapped(model: Problem, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
     """The measurements with beams exchanged that were read for each other."""
-    data, predicted = model.data, model.predict(clean.belief.x)[0]
+    beams = [channel for channel in model.channels if channel.sensor.name == "spot"]
+    if len(beams) < 2:
+        return model.data, ()
+    data, here = model.data, model.linearise(clean.belief.x)
     spots, sigma, swaps = data.spots.copy(), data.sigma.copy(), []
+    predicted = spots - np.stack([here.residual[: len(data), channel.block.columns] for channel in beams], axis=1)
     for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
         for each in (spots, sigma):
             each[pose, [one, other]] = each[pose, [other, one]]
         words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
         swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
-    return replace(data, spots=spots, sigma=sigma), tuple(swaps)
+    return data.with_spots(spots, sigma), tuple(swaps)
 
 
-def _left_out(model: SpotModel, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
-    data, observed = model.data, observations_of(model)
-    lost, here, outliers = observed.missed(clean.belief.x), model.linearise(clean.belief.x), []
-    for pose, index in np.argwhere(observed.seen & ~kept).tolist():
-        if pose >= len(data):
-            continue
+def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
+    data, here, outliers = model.data, model.linearise(clean.belief.x), []
+    lost = here.lost if here.lost is not None else np.zeros_like(kept)
+    for pose, index in np.argwhere((here.made & ~kept)[: len(data)]).tolist():
         block = model.blocks[index]
         words, away = "its beam does not meet the screen in the model; is a joint's reading wrong?", None
         if not lost[pose, index]:
             size = UNITS[block.unit]
             away = float(np.linalg.norm(here.residual[pose, block.columns])) / size
-            others = "the other spots" if index < len(data.lasers) else "the other readings"
+            others = "the other spots" if model.channels[index].sensor.name == "spot" else "the other readings"
             words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
         outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
     return tuple(outliers)

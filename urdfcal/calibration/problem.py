@@ -1,10 +1,8 @@
-"""The measurement function of a robot: J = Jac2 Jac1, equation (12), stacked over all poses, for lasers and every other sensor.
+"""A robot put to its measurements: J = Jac2 Jac1, equation (12), stacked over all poses, for every sensor alike.
 
-J = Jac2 Jac1 for sensors of targets: the target's pose and twist in its measuring frame, and the places that poses share.
-
-Twists of the chain are those of everything behind a joint against the screen (or the reference), at its origin. A target moves with
-those of its own way alone, and so does the measuring frame; what a sensor sees is the difference of the two, in the measuring frame's
-axes at the measuring frame's origin:
+Twists of the chain are those of everything behind a joint against its base (the screen, or the reference), at the base's origin. A
+target moves with those of its own way alone, and so does the frame that it is seen from; what a sensor sees is the difference of the
+two, in the measuring frame's axes at the measuring frame's origin:
 
     [v, w] = Ad(T_frame^-1) (V_target - V_frame)
 """
@@ -18,112 +16,185 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.residual import Block, Linearisation
+from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel, Placements
-from urdfcal.model.jacobian import CHUNK, ArmKinematics, LaserMotion, motion_at
-from urdfcal.sensors.measurements import Measurements, kinds_of
+from urdfcal.model.jacobian import CHUNK, ArmKinematics, ArmMotion, motion_at
+from urdfcal.robot.chain import Chain
+from urdfcal.robot.rig import Place
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
-from urdfcal.sensors.sensor import TargetSensor, View
-from urdfcal.sensors.spots import PixelSpots, spot_jacobian, spots_on_screen
-from urdfcal.sensors.targets import SENSORS, PixelSensor
+from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.sensor import Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
-_FRAME = 0  # of the chain's frames: the one that targets are seen in
 
 
-class SpotModel:
-    """Predicts the spots of a set of poses and their derivative by the error parameters."""
+@dataclass(frozen=True)
+class Channel:
+    """The readings that one sensor made of one target, put to the robot.
 
-    def __init__(self, errors: ErrorModel, data: Measurements, joints: bool = False) -> None:
-        """Prepare for some poses; `joints` also differentiates by the measured joints, for their noise."""
-        self.errors, self.data, self.joints = errors, data, joints
-        self.arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
-        self.positions = self.arm.chain_positions(data.q)
-        self.soft_basis = errors.soft.basis(data.q, data.payload, data.approach) if errors.soft is not None else None
-        targets = readings_of(errors, data, first=2 * len(data.lasers))
-        self.readings: tuple[Reading | PixelSpots, ...] = (*targets, *self._pixel_spots(errors, data, targets))
-        self.spots = slice(0, 2 * len(data.lasers))
-        self.kinds = kinds_of(data)
-        self.blocks = self._blocks()
-        self.measured = np.concatenate([np.repeat(data.seen, 2, axis=1), *(each.measured for each in self.readings)], axis=1)
-        stated = [np.broadcast_to(each.data.sigma[:, None], each.measured.shape) for each in self.readings]
-        self.stated_sigma = np.concatenate([np.repeat(data.sigma, 2, axis=1), *stated], axis=1)
-        self.parts = [part for session in errors.sessions for part in self._chunks(session)]
-        self.blind = _other_lasers_rows(errors)
+    Attributes:
+        readings: What was read.
+        sensor: How it is read.
+        target: Index of the target among the chain's frames.
+        frame: Index of the frame that it is seen from; None for the chain's base.
+        errors: The error model.
+        block: What tables and gates take it for, with its numbers among those of a pose.
+    """
 
-    def predict(self, x: Vector) -> tuple[Array3, Matrix]:
-        """Spots (n, lasers, 2) and beam lengths (n, lasers) at x, [m]."""
-        n, lasers = self.data.seen.shape
-        spots, lengths = np.empty((n, lasers, 2)), np.empty((n, lasers))
-        placed = {session: self.errors.placements(x, session).still() for session in self.errors.sessions}
-        for session, rows in self.parts:
-            motion = self.motion(x, placed[session], rows)
-            spots[rows], lengths[rows] = spots_on_screen(motion.source, motion.direction)
-        return spots, lengths
+    readings: Readings
+    sensor: Sensor
+    target: int
+    frame: int | None
+    errors: ErrorModel
+    block: Block
 
-    def linearise(self, x: Vector) -> Linearisation:
-        """Residual and Jacobian of every measured spot coordinate at x."""
-        n, numbers = self.measured.shape
-        residual, jacobian = np.empty((n, numbers)), np.empty((n, numbers, len(self.errors.names)))
-        joint_jacobian = np.empty((n, numbers, len(self.data.joints) if self.joints else 0))
-        reached, own = True, self.spots
-        placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
-        for session, rows in self.parts:
-            motion = self.motion(x, placed[session], rows, self.joints)
-            spots, lengths = spots_on_screen(motion.source, motion.direction)
-            seen, measured = self.data.seen[rows], self.measured[rows, own]
-            reached &= bool((lengths[seen] > 0).all() and np.isfinite(lengths[seen]).all())
-            residual[rows, own] = np.where(measured, (self.data.spots[rows] - spots).reshape(len(spots), -1), 0.0)
-            jacobian[rows, own], joint_jacobian[rows, own] = self._derivatives(motion, spots, measured)
-            for each in self.readings:
-                if isinstance(each, PixelSpots):
-                    own_lengths = lengths[each.data.seen[rows], each.laser]
-                    reached &= bool((own_lengths > 0).all() and np.isfinite(own_lengths).all())
-                looked = each.look(motion, placed[session], rows, x)
-                residual[rows, each.columns], jacobian[rows, each.columns], joint_jacobian[rows, each.columns] = looked
-        trouble = "left_screen" if not reached else "" if np.isfinite(residual).all() else "not_finite"
-        here = Linearisation(residual, jacobian, joint_jacobian, self.measured, self.stated_sigma, trouble, self.blocks)
-        return known_rows(here, self.errors, self.data.lengths, x)
+    @cached_property
+    def values(self) -> Matrix:
+        """The readings with something harmless where nothing was read."""
+        return np.where(np.isnan(self.readings.values), np.asarray(self.sensor.blank), self.readings.values)
 
-    @staticmethod
-    def _pixel_spots(errors: ErrorModel, data: Measurements, targets: tuple[Reading, ...]) -> Iterator[PixelSpots]:
-        """Spots that were read as pixels, with their numbers behind all others."""
-        first = max([2 * len(data.lasers), *(each.columns.stop for each in targets)])
-        for own in (each for each in data.readings if data.of_laser(each)):
-            yield PixelSpots(own, data.lasers.index(own.link), data.camera, errors, first)
-            first += 2
+    @cached_property
+    def _places(self) -> tuple[Place, ...]:
+        return self.sensor.places(self.readings.target, self.readings.touched)
 
-    def _blocks(self) -> tuple[Block, ...]:
-        """Every spot and every reading of a pose, with the index of its noise."""
-        spots = tuple(Block(laser, slice(2 * index, 2 * index + 2)) for index, laser in enumerate(self.data.lasers))
-        return (*spots, *(each.block(self.kinds.index(each.data.kind)) for each in self.readings))
+    @cached_property
+    def _place_columns(self) -> npt.NDArray[np.intp]:
+        """Columns of x that each pose's place has, (n, a); those of the first place where the pose touches none; -1 if they are held."""
+        if not self._places:
+            return np.empty((len(self.readings.labels), 0), dtype=int)
+        column = {name: index for index, name in enumerate(self.errors.names)}
+        table = np.array([[column.get(f"{place.name}.{name}", -1) for name in place.names] for place in self._places])
+        return np.asarray(table[self._place_of_pose])
 
-    def motion(self, x: Vector, placed: Placements, rows: Rows, joints: bool = False) -> LaserMotion:
-        """Where everything is at some poses, and how it moves; joints give way as far as the error model has them."""
-        yielding = self.errors.yielding(x, self.soft_basis[rows]) if self.soft_basis is not None else None
-        return motion_at(self.arm, placed, self.positions[rows], joints, yielding)
+    @cached_property
+    def _place_of_pose(self) -> npt.NDArray[np.intp]:
+        index = {label: number for number, label in enumerate(self.readings.touched)}
+        return np.array([index.get(str(label), 0) for label in self.readings.labels], dtype=int)
 
-    def unreached(self, x: Vector) -> tuple[int, int] | None:
-        """Pose and laser of the first measured beam that does not meet the screen at x."""
-        lengths = self.predict(x)[1]
-        missing = np.argwhere(self.data.seen & ~((lengths > 0) & np.isfinite(lengths)))
-        return (int(missing[0, 0]), int(missing[0, 1])) if len(missing) else None
+    @cached_property
+    def _held(self) -> Matrix:
+        """Values of a place's numbers that are not estimated, (n, a)."""
+        table = np.array([[self.errors.held.get(f"{place.name}.{name}", 0.0) for name in place.names] for place in self._places])
+        return np.asarray(table[self._place_of_pose]) if len(table) else np.empty((len(self.readings.labels), 0))
 
-    def _derivatives(self, motion: LaserMotion, spots: Array3, measured: Mask) -> tuple[Array3, Array3]:
-        n, numbers = measured.shape
-        if not numbers:
-            return np.empty((n, 0, motion.jac1.shape[2])), np.empty((n, 0, motion.joint_jacobian.shape[2]))
-        jac2 = spot_jacobian(spots, motion.direction).reshape(n, numbers, 6)
-        if not measured.all():
-            jac2[~measured] = 0.0
-        jacobian = jac2 @ motion.jac1
-        if self.blind is not None:
-            jacobian[:, self.blind] = 0.0
-        return jacobian, jac2 @ motion.joint_jacobian
+    @cached_property
+    def _axes(self) -> Array3:
+        """Axes that the numbers of each pose's place are in, (n, 3, 3): of a plane its normal and two tangents."""
+        axes = np.array([self.errors.planes.get(place.name, np.eye(3)) for place in self._places] or [np.eye(3)])
+        return np.asarray(axes[self._place_of_pose])
+
+    def view(self, motion: ArmMotion, rows: Rows, x: Vector) -> View:
+        """The target as the measuring frame sees it at some poses."""
+        p, R = seen_placement(motion.frames, self.target, self.frame)
+        columns = self._place_columns[rows]
+        place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
+        return View(p, R, place, self._axes[rows])
+
+    def put(self, here: _Numbers, motion: ArmMotion, placed: Placements, rows: Rows, x: Vector) -> None:
+        """Residual, Jacobian and joint Jacobian of some poses at x, into the arrays of all of them."""
+        measured = self.readings.measured[rows]
+        if not measured.any():
+            return
+        look = self.sensor.look(self.view(motion, rows, x), self.values[rows])
+        by_parameter, by_joint = seen_twists(self.errors.chain, motion, placed, self.target, self.frame)
+        jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
+        jacobian = jac2 @ by_parameter
+        columns = self._place_columns[rows]
+        if look.by_place is not None and (columns >= 0).any():
+            pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
+            by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
+            jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
+        own = self.block.columns
+        here.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
+        here.jacobian[rows, own] = jacobian
+        if here.joint_jacobian.shape[2]:
+            here.joint_jacobian[rows, own] = jac2 @ by_joint
+        if look.lost is not None:
+            here.lost[rows, here.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """What a linearisation is made of, to be filled by the channels."""
+
+    residual: Matrix
+    jacobian: Array3
+    joint_jacobian: Array3
+    lost: Mask
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A robot put to its measurements.
+
+    Attributes:
+        errors: The error model.
+        data: The measurements.
+        joints: Whether to differentiate by the measured joints, too, for their noise.
+    """
+
+    errors: ErrorModel
+    data: Measurements
+    joints: bool = False
+
+    @cached_property
+    def channels(self) -> tuple[Channel, ...]:
+        """Everything that was measured, in the order of the readings."""
+        return tuple(self._channels())
+
+    def _channels(self) -> Iterator[Channel]:
+        chain, data, first = self.errors.chain, self.data, 0
+        for own in data.readings:
+            sensor = SENSORS[own.sensor].with_camera(data.camera)
+            name = own.link if own.link in data.boards else own.target
+            columns = slice(first, first + sensor.numbers)
+            block = Block(f"{name} {sensor.title}".strip(), columns, data.kinds.index(sensor.noise), sensor.words.unit)
+            target = chain.frame_index("laser" if sensor.beam else "target", own.target)
+            yield Channel(own, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block)
+            first = columns.stop
+
+    @cached_property
+    def arm(self) -> ArmKinematics:
+        """Kinematics of the chain."""
+        return ArmKinematics(self.errors.chain, self.errors.soft.bends if self.errors.soft is not None else ())
+
+    @cached_property
+    def positions(self) -> Matrix:
+        """Positions of the moving joints, (n, moving)."""
+        return self.arm.chain_positions(self.data.q)
+
+    @cached_property
+    def _soft_basis(self) -> Matrix | None:
+        data, soft = self.data, self.errors.soft
+        return soft.basis(data.q, data.payload, data.approach) if soft is not None else None
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """The numbers of a pose that are one reading, channel by channel."""
+        return tuple(channel.block for channel in self.channels)
+
+    @cached_property
+    def measured(self) -> Mask:
+        """Which numbers of each pose were measured, (n, m)."""
+        columns = [each.measured for each in self.data.readings]
+        return np.concatenate(columns, axis=1) if columns else np.zeros((len(self.data), 0), dtype=bool)
+
+    @cached_property
+    def stated_sigma(self) -> Matrix:
+        """Standard deviation stated with each number, (n, m), nan for none."""
+        stated = [np.broadcast_to(each.sigma[:, None], each.measured.shape) for each in self.data.readings]
+        return np.concatenate(stated, axis=1) if stated else np.empty((len(self.data), 0))
+
+    @cached_property
+    def parts(self) -> tuple[tuple[str, Rows], ...]:
+        """Sessions and rows of poses that are worked on at once."""
+        return tuple(part for session in self.errors.sessions for part in self._chunks(session))
 
     def _chunks(self, session: str) -> list[tuple[str, Rows]]:
         if len(self.errors.sessions) == 1:
@@ -131,142 +202,93 @@ class SpotModel:
         rows = np.flatnonzero(self.data.sessions == session)
         return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
 
-
-def model_for(errors: ErrorModel, data: Measurements, noise: Noise) -> SpotModel:
-    """The model of some poses with what noise asks for: derivatives by the joints, too, where their readings are noisy."""
-    return SpotModel(errors, data, joints=noise.of_joints)
-
-
-def _other_lasers_rows(errors: ErrorModel) -> Mask | None:
-    """Mask (numbers, p) of the derivatives that are zero because a beam's own parameters move that beam alone."""
-    moves = np.repeat(errors.moves_laser, 2, axis=0)
-    mask: Mask = ~moves
-    return None if moves.all() else mask
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One instrument's readings of one target, put to the robot.
-
-    Attributes:
-        data: What was read.
-        sensor: How it is read.
-        frame: Index of the target among the chain's frames.
-        errors: The error model.
-        first: Index of its first number among those of a pose.
-        board: The board that the target is a corner of, if it is one.
-    """
-
-    data: Readings
-    sensor: TargetSensor
-    frame: int
-    errors: ErrorModel
-    first: int
-    board: str = ""
-
-    @property
-    def columns(self) -> slice:
-        """Its numbers among those of a pose."""
-        return slice(self.first, self.first + self.sensor.numbers)
-
-    def block(self, kind: int) -> Block:
-        """What tables and gates take it for."""
-        name = self.board or self.data.target
-        return Block(f"{name} {self.sensor.title}".strip(), self.columns, kind, self.sensor.unit)
-
     @cached_property
-    def measured(self) -> Mask:
-        """Which of its numbers were read, (n, k)."""
-        if self.data.kind == "point":
-            return ~np.isnan(self.data.values)
-        return np.repeat(self.data.seen[:, None], self.sensor.numbers, axis=1)
+    def linearise(self) -> Linearise:
+        """Residual and Jacobian of everything that was measured, as a function of x."""
+        return remembering(self._linearised)
 
-    @cached_property
-    def _values(self) -> Matrix:
-        """The readings with something harmless where nothing was read."""
-        harmless = np.array([0.0, 0.0, 0.0, 1.0]) if self.data.kind == "orientation" else 0.0
-        return np.where(np.isnan(self.data.values), harmless, self.data.values)
-
-    @cached_property
-    def _place_columns(self) -> npt.NDArray[np.intp]:
-        """Columns of x that each pose's place has, (n, a); those of the first place where the pose touches none; -1 if they are held."""
-        places = self.data.places
-        if not places:
-            return np.empty((len(self.data.labels), 0), dtype=int)
-        column = {name: index for index, name in enumerate(self.errors.names)}
-        table = np.array([[column.get(f"{place.name}.{name}", -1) for name in place.names] for place in places])
-        return np.asarray(table[self._place_of_pose])
-
-    @cached_property
-    def _place_of_pose(self) -> npt.NDArray[np.intp]:
-        index = {label: number for number, label in enumerate(self.data.touched)}
-        return np.array([index.get(str(label), 0) for label in self.data.labels], dtype=int)
-
-    @cached_property
-    def _held(self) -> Matrix:
-        """Values of a place's numbers that are not estimated, (n, a)."""
-        table = np.array([[self.errors.held.get(f"{place.name}.{name}", 0.0) for name in place.names] for place in self.data.places])
-        return np.asarray(table[self._place_of_pose]) if len(table) else np.empty((len(self.data.labels), 0))
-
-    @cached_property
-    def _axes(self) -> Array3:
-        """Of planes: normal and tangents of each pose's plane, (n, 3, 3)."""
-        planes = [self.errors.planes.get(place.name, np.eye(3)) for place in self.data.places] if self.data.kind == "plane" else [np.eye(3)]
-        return np.asarray(
-            np.array(planes)[self._place_of_pose if self.data.kind == "plane" else np.zeros(len(self.data.labels), dtype=int)]
+    def _linearised(self, x: Vector) -> Linearisation:
+        n, m = self.measured.shape
+        inputs = len(self.data.joints) if self.joints else 0
+        here = _Numbers(
+            residual=np.zeros((n, m)),
+            jacobian=np.zeros((n, m, len(self.errors.names))),
+            joint_jacobian=np.zeros((n, m, inputs)),
+            lost=np.zeros((n, len(self.blocks)), dtype=bool),
+            blocks=self.blocks,
         )
+        placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
+        for session, rows in self.parts:
+            motion = self.motion(x, placed[session], rows, self.joints)
+            for channel in self.channels:
+                channel.put(here, motion, placed[session], rows, x)
+        linearised = Linearisation(
+            here.residual, here.jacobian, here.joint_jacobian, self.measured, self.stated_sigma, self.blocks, here.lost
+        )
+        return _with_known(linearised, self.errors, self.data.lengths, x)
 
-    def look(self, motion: LaserMotion, placed: Placements, rows: Rows, x: Vector) -> tuple[Matrix, Array3, Array3]:
-        """Residual (n, k), Jacobian (n, k, p) and joint Jacobian (n, k, inputs) of some poses at x."""
-        if not self.measured.any():  # a column that is empty everywhere
-            n, k = self.measured[rows].shape
-            return np.zeros((n, k)), np.zeros((n, k, len(x))), np.zeros((n, k, motion.joint_jacobian.shape[2]))
-        columns = self._place_columns[rows]
-        place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
-        p, R, jac1, joint_jac1 = seen_motion(self.errors, motion, placed, self.frame)
-        look = self.sensor.look(View(p, R, place, self._axes[rows]), self._values[rows])
-        measured = self.measured[rows]
-        jac2 = np.where(measured[..., None], look.jac2, 0.0)
-        jacobian = jac2 @ jac1
-        pose, number = np.arange(len(p))[:, None, None], np.arange(measured.shape[1])[None, :, None]
-        free = columns >= 0
-        by_place = np.where(measured[..., None], look.by_place, 0.0) * free[:, None]
-        jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        return np.where(measured, look.residual, 0.0), jacobian, jac2 @ joint_jac1
+    def motion(self, x: Vector, placed: Placements, rows: Rows, joints: bool = False) -> ArmMotion:
+        """Where everything is at some poses, and how it moves; joints give way as far as the error model has them."""
+        yielding = self.errors.yielding(x, self._soft_basis[rows]) if self._soft_basis is not None else None
+        return motion_at(self.arm, placed, self.positions[rows], joints, yielding)
+
+    def views(self, x: Vector) -> tuple[View, ...]:
+        """What every channel looks at, at all poses."""
+        placed = {session: self.errors.placements(x, session).still() for session in self.errors.sessions}
+        parts = [(rows, self.motion(x, placed[session], rows)) for session, rows in self.parts]
+        order = np.argsort(np.concatenate([np.arange(len(self.data))[rows] for rows, _ in parts])) if parts else np.empty(0, dtype=int)
+        return tuple(_joined([channel.view(motion, rows, x) for rows, motion in parts], order) for channel in self.channels)
+
+    def read(self, x: Vector) -> tuple[Matrix, ...]:
+        """What every channel would read at x without noise, as readings keep it, (n, stored)."""
+        return tuple(channel.sensor.read(view) for channel, view in zip(self.channels, self.views(x), strict=True))
+
+    def with_data(self, data: Measurements) -> Problem:
+        """The same robot put to other measurements."""
+        return replace(self, data=data)
 
 
-def readings_of(errors: ErrorModel, data: Measurements, first: int) -> tuple[Reading, ...]:
-    """Every instrument's readings, with their numbers behind those of the spots."""
-    names = [frame.name for frame in errors.chain.frames]
-    found: list[Reading] = []
-    for own in (each for each in data.readings if not data.of_laser(each)):
-        sensor = PixelSensor(data.camera) if own.kind == "pixel" else SENSORS[own.kind]
-        found.append(Reading(own, sensor, 1 + names[1:].index(own.target), errors, first, own.link if own.link in data.boards else ""))
-        first += found[-1].sensor.numbers
-    return tuple(found)
+def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:
+    """The problem of some poses with what noise asks for: derivatives by the joints, too, where their readings are noisy."""
+    return Problem(errors, data, joints=noise.of_joints)
 
 
-def seen_motion(errors: ErrorModel, motion: LaserMotion, placed: Placements, target: int) -> tuple[Matrix, Array3, Array3, Array3]:
-    """A target in its measuring frame: origin (n, 3), axes (n, 3, 3), and its twists there by parameter and by measured joint."""
-    frame, own = motion.frames[_FRAME], motion.frames[target]
-    R, p = frame[:, :, :3], frame[:, :, 3]
-    back = R.transpose(0, 2, 1)
-    share = placed.moves[target].astype(float) - placed.moves[_FRAME]
+def seen_placement(frames: Array4, target: int, frame: int | None) -> tuple[Matrix, Array3]:
+    """Origin (n, 3) and axes (n, 3, 3) of one of a chain's frames, in another one or in the chain's base."""
+    p, R = frames[target][:, :, 3], frames[target][:, :, :3]
+    if frame is None:
+        return p, R
+    back = frames[frame][:, :, :3].transpose(0, 2, 1)
+    return (back @ (p - frames[frame][:, :, 3])[..., None])[..., 0], back @ R
+
+
+def seen_twists(chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
+    """Twists of one of a chain's frames in another one or in the base, by parameter (n, 6, p) and by measured joint (n, 6, inputs)."""
     passed = np.arange(1, motion.axis_twists.shape[2] + 1)
-    depths = errors.chain.frames[target].depth, errors.chain.frames[_FRAME].depth
-    joints = (passed <= depths[0]).astype(float) - (passed <= depths[1])
-    by_joint = (motion.axis_twists * joints) @ (errors.chain.coupling.T if len(joints) else np.empty((0, 0)))
-    origin = (back @ (own[:, :, 3] - p)[..., None])[..., 0]
-    return origin, back @ own[:, :, :3], _moved(back, p, motion.jac1 * share), _moved(back, p, by_joint)
+    share, joints = placed.moves[target].astype(float), (passed <= chain.frames[target].depth).astype(float)
+    if frame is not None:
+        share, joints = share - placed.moves[frame], joints - (passed <= chain.frames[frame].depth)
+    by_parameter = motion.jac1 if (share == 1).all() else motion.jac1 * share
+    by_joint = (motion.axis_twists * joints) @ (chain.coupling.T if len(joints) else np.empty((0, 0)))
+    if frame is None:
+        return by_parameter, by_joint
+    back, p = motion.frames[frame][:, :, :3].transpose(0, 2, 1), motion.frames[frame][:, :, 3]
+    return _seen_from(back, p, by_parameter), _seen_from(back, p, by_joint)
 
 
-def _moved(back: Array3, p: Matrix, twists: Array3) -> Array3:
+def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
+    """Views of parts of the poses as one of all of them, in their order."""
+    p, R, place, axes = (np.concatenate([getattr(part, what) for part in parts])[order] for what in ("p", "R", "place", "axes"))
+    return View(p, R, place, axes)
+
+
+def _seen_from(back: Array3, p: Matrix, twists: Array3) -> Array3:
     """Twists at the common origin as the measuring frame at p has them, (n, 6, columns)."""
     v, w = twists[:, :3], twists[:, 3:]
     return np.concatenate([back @ (v - skew(p) @ w), back @ w], axis=1)
 
 
-def known_rows(here: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
+def _with_known(here: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
     """The same with what is known beforehand as further rows: distances between places, and a sum of parameters that is held.
 
     Each stands in the first number of its row.
@@ -285,6 +307,7 @@ def known_rows(here: Linearisation, errors: ErrorModel, lengths: Sequence[KnownL
         joint_jacobian=np.concatenate([here.joint_jacobian, np.zeros((rows, m, here.joint_jacobian.shape[2]))]),
         measured=np.vstack([here.measured, ~np.isnan(sigma)]),
         stated_sigma=np.vstack([here.stated_sigma, sigma]),
+        lost=None if here.lost is None else np.vstack([here.lost, np.zeros((rows, len(here.blocks)), dtype=bool)]),
     )
 
 

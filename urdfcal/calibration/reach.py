@@ -1,4 +1,4 @@
-"""TODO."""
+"""Poses at which the beams fall where they can be seen."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import numpy as np
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.spots import makes_spot, spots_on_screen
+from urdfcal.sensors.spots import Beams, beams_at
 
 _BATCH, _MOST_BATCHES = 4096, 50  # random positions drawn at a time, and how often
 _DRAWN, _MOST_DRAWS, _LEAST_SHARE = 4096, 500_000, 0.005
@@ -34,14 +33,12 @@ def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurement
     Returns:
         (poses, inputs), [rad] or [m]; fewer rows, or none, where such positions are too rare to be found.
     """
-    arm, placed = ArmKinematics(robot.chain), errors.placements(errors.check(x), errors.sessions[0]).still()
     (lower, upper), found = joint_limits(robot), np.empty((0, len(robot.chain.inputs)))
     corners = np.nanmin(seen.spots, axis=(0, 1)), np.nanmax(seen.spots, axis=(0, 1))
     for _ in range(_MOST_BATCHES):
         q = rng.uniform(lower, upper, (_BATCH, len(lower)))
-        motion = motion_at(arm, placed, arm.chain_positions(q))
-        spots, length = spots_on_screen(motion.source, motion.direction)
-        inside = ((spots >= corners[0]) & (spots <= corners[1])).all(axis=-1) & makes_spot(length, motion.direction)
+        beams = beams_at(errors, x, q)
+        inside = ((beams.spots >= corners[0]) & (beams.spots <= corners[1])).all(axis=-1) & beams.makes_spot()
         found = np.vstack([found, q[inside.all(axis=1)]])
         if len(found) >= poses:
             break
@@ -59,6 +56,10 @@ class ScreenArea:
 
     size: float = 3.0
     centre: tuple[float, float] = (0.0, 0.0)
+
+    def holds(self, spots: Array3) -> Mask:
+        """Which spots (..., 2) lie on it."""
+        return np.asarray((np.abs(spots - np.array(self.centre)) <= self.size / 2).all(axis=-1))
 
 
 def draw_poses(
@@ -89,15 +90,13 @@ def draw_poses(
     Raises:
         UsageError: such positions are too rare.
     """
-    arm = ArmKinematics(robot.chain, errors.soft.bends if errors.soft is not None else ())
-    placed, where = errors.placements(x).still(), area or ScreenArea()
+    where = area or ScreenArea()
     lower, upper = joint_limits(robot) if limits is None else limits
     found, drawn = np.empty((0, len(lower))), 0
     most = max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
     while len(found) < poses and drawn < most:
         q = rng.uniform(lower, upper, (_DRAWN, len(lower)))
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(x, q))
-        found, drawn = np.vstack([found, q[_on_screen(motion.source, motion.direction, where)]]), drawn + _DRAWN
+        found, drawn = np.vstack([found, q[_on_screen(beams_at(errors, x, q), where)]]), drawn + _DRAWN
     if len(found) < poses:
         raise UsageError(
             f"only {len(found)} of {drawn} random poses put every beam on the screen, {poses} were asked for; "
@@ -106,7 +105,5 @@ def draw_poses(
     return found[:poses]
 
 
-def _on_screen(source: Array3, direction: Array3, area: ScreenArea) -> Mask:
-    spots, length = spots_on_screen(source, direction)
-    inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1)
-    return np.asarray((inside & makes_spot(length, direction, nearest=_LEAST_LENGTH)).all(axis=1))
+def _on_screen(beams: Beams, area: ScreenArea) -> Mask:
+    return np.asarray((area.holds(beams.spots) & beams.makes_spot(nearest=_LEAST_LENGTH)).all(axis=1))

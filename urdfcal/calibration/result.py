@@ -16,7 +16,7 @@ from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
 from urdfcal.calibration.error_table import SpotTable, rms_mm
 from urdfcal.calibration.outliers import Outlier
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.ekf import STOPS, Belief, Estimate
 from urdfcal.estimation.evidence import Evidence
@@ -25,9 +25,10 @@ from urdfcal.estimation.noise import LEAST_FREEDOM, Misfit, Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
+from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, in_pixels, kinds_of
-from urdfcal.sensors.sensor import KINDS, start_sigma_of
+from urdfcal.sensors.measurements import Measurements, in_pixels
+from urdfcal.sensors.registry import WORDS, start_sigma_of
 from urdfcal.sensors.spots import screen_before
 from urdfcal.sensors.stated_noise import stating_kinds
 
@@ -182,7 +183,7 @@ class FitResult:
     @property
     def kinds(self) -> tuple[str, ...]:
         """What was measured, in the order of the noise."""
-        return kinds_of(self.data)
+        return self.data.kinds
 
     @property
     def _moved(self) -> str:
@@ -206,7 +207,7 @@ class FitResult:
         estimated = {kind: float(sigma) for kind, sigma, stated in zip(self.kinds, noise.sigma, noise.stated, strict=True) if not stated}
         estimated |= {kind: max(scatter, estimated.get(kind, 0.0)) for kind, scatter in self.extra_noise.items()}
         for name, scatter in estimated.items():
-            kind = KINDS[name]
+            kind = WORDS[name]
             if scatter > kind.most * kind.size:
                 return (
                     f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
@@ -214,7 +215,7 @@ class FitResult:
                 )
         if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
             return (
-                f"the spots scatter by {KINDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
+                f"the spots scatter by {WORDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
                 f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
             )
         return ""
@@ -222,8 +223,10 @@ class FitResult:
     @property
     def _beam_length(self) -> float:
         """Usual distance from a laser to its spot, [m]; infinite where none was seen."""
-        lengths = SpotModel(self.errors, self.data).predict(self.x)[1][self.data.seen]
-        return float(np.median(lengths)) if len(lengths) else np.inf
+        model = Problem(self.errors, self.data)
+        lasers = [(channel, view) for channel, view in zip(model.channels, model.views(self.x), strict=True) if channel.sensor.beam]
+        lengths = [-view.p[seen, 0] / view.R[seen, 0, 2] for channel, view in lasers if (seen := channel.readings.seen).any()]
+        return float(np.median(np.concatenate(lengths))) if lengths else np.inf
 
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
@@ -251,7 +254,7 @@ def large_noise(found: FitResult) -> tuple[str, ...]:
     for kind, sigma, stated in zip(found.kinds, found.estimate.noise.sigma.tolist(), found.estimate.noise.stated, strict=True):
         if not stated and sigma > _LARGE * start_sigma_of(kind):
             warnings.append(
-                f"the {KINDS[kind].several} scatter by {KINDS[kind].told(sigma)} after the fit, far more than is usual; look for rows, "
+                f"the {WORDS[kind].several} scatter by {WORDS[kind].told(sigma)} after the fit, far more than is usual; look for rows, "
                 "columns or units that do not belong together, and for what the URDF lacks"
             )
     return tuple(warnings)
@@ -261,7 +264,7 @@ def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ..
     """Noise that is assumed, since there are too few measurements to estimate it."""
     if noise.all_stated or freedom >= LEAST_FREEDOM:
         return ()
-    if data.readings:
+    if not data.only_spots:
         return (
             f"too few measurements to estimate their noise ({freedom:.0f} degrees of freedom, {LEAST_FREEDOM:.0f} are needed): usual "
             "figures are assumed; measure more poses or state it in .sigma columns",
@@ -288,7 +291,7 @@ def misfit_words(found: Mapping[str, Misfit], kind: str, stated: bool) -> str:
     own = found[kind]
     noise = "stated noise" if stated else "stated noise of the joints"
     return (
-        f"the {KINDS[kind].several} scatter {np.sqrt(own.chi_squared):.2g} times as much as the {noise} explains "
+        f"the {WORDS[kind].several} scatter {np.sqrt(own.chi_squared):.2g} times as much as the {noise} explains "
         f"(chi-square {own.chi_squared:.3g} per degree of freedom)"
     )
 
@@ -307,7 +310,11 @@ def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> 
     if not in_pixels(data):
         raise UsageError("no laser spots were read as pixels, so the fit corrects no camera")
     camera: Any = data.camera
-    T_camera_screen, columns, twists = screen_before(camera.T_camera_screen, errors, belief.x)
-    in_screen = T_camera_screen.toActionMatrixInverse() @ twists
+    names = [f"camera.{name}" for name in SIX]
+    values = [belief.x[errors.names.index(name)] if name in errors.names else errors.held.get(name, 0.0) for name in names]
+    T_camera_screen, twists = screen_before(camera.T_camera_screen, np.array(values))
+    free = [name for name in names if name in errors.names]
+    columns = [errors.names.index(name) for name in free]
+    in_screen = T_camera_screen.toActionMatrixInverse() @ twists[:, [names.index(name) for name in free]]
     covariance = in_screen @ belief.P[np.ix_(columns, columns)] @ in_screen.T if columns else camera.screen_covariance
     return replace(camera, T_camera_screen=T_camera_screen, screen_rms=None, screen_covariance=covariance)

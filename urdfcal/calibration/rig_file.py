@@ -40,7 +40,7 @@ from urdfcal.model.options import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.model.parameters import Kind, PriorScale
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.urdf_tree import FARTHEST
-from urdfcal.sensors.sensor import KINDS
+from urdfcal.sensors.registry import WORDS
 
 if TYPE_CHECKING:
     from urdfcal.robot.robot import Robot
@@ -74,8 +74,8 @@ class NoiseEntry(_Strict):
 
     def by_kind(self) -> dict[str, float]:
         """What is stated, by kind of reading: [m], [rad] or [px]."""
-        stated = {kind: getattr(self, f"{kind}_{of.unit}") for kind, of in KINDS.items()}
-        return {kind: value * KINDS[kind].size for kind, value in stated.items() if value is not None}
+        stated = {kind: getattr(self, f"{kind}_{of.unit}") for kind, of in WORDS.items()}
+        return {kind: value * WORDS[kind].size for kind, value in stated.items() if value is not None}
 
 
 class ParameterEntry(_Strict):

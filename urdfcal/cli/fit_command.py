@@ -191,7 +191,7 @@ def fit(
     if holdout is not None:
         data = hold_out(data, holdout, rng())
     require_lasers_for(data, estimate, screen=screen, laser=laser)
-    if reference_known and not data.readings:
+    if reference_known and data.only_spots:
         raise UsageError("--reference-known is about a measuring frame, and these measurements are laser spots alone")
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)

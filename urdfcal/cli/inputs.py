@@ -83,9 +83,9 @@ def measured(
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     if target is not None and not (rig and rig.target) and target not in {each.link for each in data.readings}:
         raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
-    if reference is not None and not (rig and rig.reference) and not data.readings:
+    if reference is not None and not (rig and rig.reference) and data.only_spots:
         raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")
-    if camera is not None and not any(each.kind == "pixel" for each in data.readings):
+    if camera is not None and "pixel" not in data.kinds:
         raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
     return as_measured(robot, data), data
 
@@ -194,7 +194,6 @@ def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dic
     Raises:
         UsageError: noise of spots is asked for where there are none.
     """
-    from urdfcal.sensors.measurements import kinds_of
     from urdfcal.sensors.stated_noise import states_all
 
     if spot_mm is not None and not data.seen.any():
@@ -204,7 +203,7 @@ def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dic
         positive("--spot-sigma-mm", spot_mm)
         stated["spot"] = spot_mm * 1e-3
     asked = {"spot"} if spot_mm is not None else set()
-    return {kind: sigma for kind, sigma in stated.items() if kind in asked or (kind in kinds_of(data) and not states_all(data, kind))}
+    return {kind: sigma for kind, sigma in stated.items() if kind in asked or (kind in data.kinds and not states_all(data, kind))}
 
 
 def positive(option: str, value: float | None) -> float | None:

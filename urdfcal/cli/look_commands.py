@@ -83,7 +83,7 @@ def evaluate(
     if "test" in tables:
         machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}
     rows = [(name, table, None) for name, table in tables.items()]
-    show(machine if as_json else None, [spot_table_block(rows, not data.readings)])
+    show(machine if as_json else None, [spot_table_block(rows, data.only_spots)])
 
 
 def check(

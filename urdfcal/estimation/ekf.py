@@ -11,16 +11,13 @@ covariance counts every measurement once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.estimation.noise import Noise, Weights
-from urdfcal.estimation.residual import Linearisation
-
-Linearise = Callable[[Vector], Linearisation]
+from urdfcal.estimation.residual import Linearisation, Linearise
 
 TOLERANCE = 1e-7
 MAX_SWEEPS = {"iterated": 100, "paper": 5000}

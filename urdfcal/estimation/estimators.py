@@ -1,4 +1,4 @@
-"""The estimators by name, one call for all."""
+"""The estimators by name, one call for all: residual and Jacobian as a function, prior and noise in, an estimate out."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import Mask, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.base.geometry import Vector
 from urdfcal.estimation.ekf import Belief, Estimate, degrees_of_freedom, iterated_schedule, paper_schedule, posterior
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearise
 from urdfcal.estimation.robust import Observations, reweighted
-from urdfcal.sensors.spots import PixelSpots
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
 SCHEDULES = ("iterated", "paper")
@@ -84,30 +83,30 @@ class Method:
         """Tolerance and sweeps, as far as they are set."""
         return {name: value for name in ("tolerance", "max_sweeps") if (value := getattr(self, name)) is not None}
 
-    def run(self, model: SpotModel, prior: Belief, noise: Noise) -> Estimate:
+    def run(self, linearise: Linearise, prior: Belief, noise: Noise) -> Estimate:
         """Fit one set of data."""
         if self.estimator == "robust":
-            return reweighted(observations_of(model), prior, noise, start=self.start)
+            return reweighted(Observations.of(linearise, prior.x), prior, noise, start=self.start)
         if self.estimator == "evolution":
             from urdfcal.estimation.evolution import differential_evolution
 
-            return differential_evolution(model.linearise, prior, noise, self.rng or np.random.default_rng(0), **self.limits())
+            return differential_evolution(linearise, prior, noise, self.rng or np.random.default_rng(0), **self.limits())
         if self.estimator == "lse":
             from urdfcal.estimation.least_squares import levenberg_marquardt
 
-            return levenberg_marquardt(model.linearise, prior, noise, start=self.start, **self.limits())
+            return levenberg_marquardt(linearise, prior, noise, start=self.start, **self.limits())
         if self.schedule == "paper":
-            swept = paper_schedule(model.linearise, prior, noise, q=self.q, r=self.r, **self.limits())
-            return with_honest_covariance(model, swept, prior, noise)
-        return iterated_schedule(model.linearise, prior, noise, start=self.start, **self.limits())
+            swept = paper_schedule(linearise, prior, noise, q=self.q, r=self.r, **self.limits())
+            return with_honest_covariance(linearise, swept, prior, noise)
+        return iterated_schedule(linearise, prior, noise, start=self.start, **self.limits())
 
 
-def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noise: Noise) -> Estimate:
+def with_honest_covariance(linearise: Linearise, swept: Estimate, prior: Belief, noise: Noise) -> Estimate:
     """The paper's estimate with the covariance that the data used once give it; the filter's own counts them in every sweep.
 
     Spot noise that is not stated is estimated from the residual, as elsewhere.
     """
-    here = model.linearise(swept.belief.x)
+    here = linearise(swept.belief.x)
     if not here.usable:
         return swept
     P = posterior(here, prior, noise)
@@ -116,27 +115,3 @@ def with_honest_covariance(model: SpotModel, swept: Estimate, prior: Belief, noi
         noise = noise.estimated(here, degrees_of_freedom(here, H, Belief(swept.belief.x, P)))
         P = posterior(here, prior, noise)
     return replace(swept, belief=Belief(swept.belief.x, P), noise=noise)
-
-
-def observations_of(model: SpotModel) -> Observations:
-    """What was measured of a model, of which any may be left out; rows of what is known beforehand never are."""
-    seen = np.column_stack([model.measured[:, block.columns].any(axis=1) for block in model.blocks])
-    known = np.zeros((len(model.data.lengths) + bool(model.errors.held_sum), len(model.blocks)), dtype=bool)
-    known[:, 0] = True
-    lasers = len(model.data.lasers)
-    everything = np.vstack([seen, known])
-
-    def missed(x: Vector) -> Mask:
-        lost = np.zeros_like(everything)
-        if lasers:
-            lengths = model.predict(x)[1]
-            with np.errstate(invalid="ignore"):
-                away = ~((lengths > 0) & np.isfinite(lengths))
-            lost[: len(seen), :lasers] = model.data.seen & away
-            for column, each in enumerate(model.readings, start=lasers):
-                if isinstance(each, PixelSpots):
-                    lost[: len(seen), column] = each.data.seen & away[:, each.laser]
-        return lost
-
-    block_of = np.repeat(np.arange(len(model.blocks)), [block.columns.stop - block.columns.start for block in model.blocks])
-    return Observations(model.linearise, missed, everything, block_of)

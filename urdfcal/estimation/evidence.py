@@ -25,16 +25,15 @@ axis and their zero offsets; mount, screen and beams keep the priors that are st
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.estimation.ekf import Belief, Estimate, Linearise, iterated_schedule
+from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
-from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.parameters import Parameter
+from urdfcal.estimation.prior import Prior
+from urdfcal.estimation.residual import Linearise
 
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
 SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
@@ -60,51 +59,38 @@ class Evidence:
     groups: tuple[str, ...]
 
 
-def group_of(parameter: Parameter) -> str:
-    """Which scale a parameter's prior has: `translation`, `rotation`, `zero`, `sag`, `sag across`, or empty where its prior is kept."""
-    if parameter.kind == "soft":
-        return {"sag": "sag", "sag_1": "sag across", "sag_2": "sag across"}.get(parameter.name.rpartition(".")[2], "")
-    if parameter.kind != "joint":
-        return ""
-    return "translation" if parameter.unit == "m" else "zero" if parameter.name.endswith(".d_theta") else "rotation"
-
-
-def by_evidence(
-    linearise: Linearise, errors: ErrorModel, noise: Noise, first: Estimate, keep: Sequence[str] = ()
-) -> tuple[ErrorModel, Estimate, Evidence]:
+def by_evidence(linearise: Linearise, prior: Prior, noise: Noise, first: Estimate) -> tuple[Prior, Estimate, Evidence]:
     """Choose scales by evidence and refit, in turn, until both stand still.
 
     Args:
         linearise: Residual and Jacobian of the whole set at a state.
-        errors: Parameters, with the priors that mount, screen and beams keep.
+        prior: Before the data; parameters that are in no group keep theirs.
         noise: Of the measurements; estimated with the scales unless stated.
-        first: Fit with the priors of `errors`, where the first linearisation is taken.
-        keep: Parameters whose stated prior is kept.
+        first: Fit with that prior, where the first linearisation is taken.
 
     Returns:
-        The error model with the chosen priors, the fit under them, and the scales.
+        The prior with the chosen scales, the fit under it, and the scales.
     """
-    groups = ["" if parameter.name in keep else group_of(parameter) for parameter in errors.parameters]
-    starts = START_SCALES | {group: scale for group, scale in SAG_SCALES.items() if group in groups}
+    starts = START_SCALES | {group: scale for group, scale in SAG_SCALES.items() if group in prior.groups}
     found, scales, chosen = first, dict(starts), replace(first.noise, stated=noise.stated)
     for _ in range(_ROUNDS):
         before = np.array([*scales.values(), *chosen.sigma])
-        scales, chosen = _chosen(linearise, errors, groups, chosen, noise.sigma, found.belief.x, scales)
-        errors = _with_scales(errors, groups, scales)
-        prior = Belief.independent(errors.mean, errors.sigma)
-        found = iterated_schedule(linearise, prior, replace(chosen, stated=True), start=found.belief.x)
+        scales, chosen = _chosen(linearise, prior, chosen, noise.sigma, found.belief.x, scales)
+        prior = prior.with_scales(scales)
+        belief = Belief.independent(prior.mean, prior.sigma)
+        found = iterated_schedule(linearise, belief, replace(chosen, stated=True), start=found.belief.x)
         if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break
-    belief = Belief(found.belief.x, with_unsure_scales(errors, groups, found.belief))
-    return errors, replace(found, belief=belief, noise=chosen), Evidence(scales, chosen, tuple(groups))
+    unsure = Belief(found.belief.x, with_unsure_scales(prior, found.belief))
+    return prior, replace(found, belief=unsure, noise=chosen), Evidence(scales, chosen, prior.groups)
 
 
-def with_unsure_scales(errors: ErrorModel, groups: Sequence[str], belief: Belief) -> Matrix:
+def with_unsure_scales(prior: Prior, belief: Belief) -> Matrix:
     """Covariance of the parameters that knows how little is known of the scales, (p, p)."""
-    P, sigma, dx = belief.P, errors.sigma, belief.x - errors.mean
+    P, sigma, dx = belief.P, prior.sigma, belief.x - prior.mean
     wide, moved = sigma.copy(), np.zeros_like(P)
     for group in START_SCALES | SAG_SCALES:
-        own = np.array([each == group for each in groups])
+        own = prior.members(group)
         if own.any():
             decided = float(np.sum(1 - np.diag(P)[own] / sigma[own] ** 2))
             wide[own] *= np.exp(_WIDE / np.sqrt(2 * (decided + 1)))
@@ -115,25 +101,18 @@ def with_unsure_scales(errors: ErrorModel, groups: Sequence[str], belief: Belief
     return np.asarray((whole + whole.T) / 2)
 
 
-def _with_scales(errors: ErrorModel, groups: Sequence[str], scales: dict[str, float]) -> ErrorModel:
-    chosen = [
-        replace(parameter, sigma=scales[group]) if group else parameter for parameter, group in zip(errors.parameters, groups, strict=True)
-    ]
-    return replace(errors, parameters=tuple(chosen))
-
-
 def _chosen(
-    linearise: Linearise, errors: ErrorModel, groups: Sequence[str], noise: Noise, usual: Vector, x: Vector, scales: dict[str, float]
+    linearise: Linearise, prior: Prior, noise: Noise, usual: Vector, x: Vector, scales: dict[str, float]
 ) -> tuple[dict[str, float], Noise]:
     """MacKay's fixed point at one linearisation; noise of which the data tell too little is no larger than usual, (kinds,)."""
-    sums = _sums(linearise, noise, x, errors.mean)
-    members = {group: np.array([own == group for own in groups]) for group in scales}
+    sums = _sums(linearise, noise, x, prior.mean)
+    members = {group: prior.members(group) for group in scales}
     A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
     least, most = np.append(noise.times(0.0).sigma / noise.sigma, 1.0), np.append(usual / noise.sigma, 1.0)
     fixed = np.append(noise.stated, True) | (np.array([each.count for each in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
-        sigma = np.array([scales[group] if group else parameter.sigma for group, parameter in zip(groups, errors.parameters, strict=True)])
+        sigma = prior.with_scales(scales).sigma
         P = np.linalg.inv(np.tensordot(factor**-2, A, 1) + np.diag(1 / sigma**2))
         dx = P @ (factor**-2 @ b)
         decided = 1 - np.diag(P) / sigma**2

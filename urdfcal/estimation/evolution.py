@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.estimation.ekf import Belief, Estimate, Linearise, Sweep, iterated_schedule
+from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearise
 
 _REACH = 3.0  # prior standard deviations searched either way
 _SEEN = 1e-9

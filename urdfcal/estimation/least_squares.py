@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.estimation.ekf import Belief, Estimate, Linearise, Sweep, degrees_of_freedom
+from urdfcal.estimation.ekf import Belief, Estimate, Sweep, degrees_of_freedom
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearise
 
 _ROUNDS = 20
 

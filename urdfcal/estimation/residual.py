@@ -1,17 +1,19 @@
-"""TODO."""
+"""What an estimator sees of a problem at one state: residual, Jacobian, and which numbers are one reading."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 
 Kinds = npt.NDArray[np.intp]
+Linearise = Callable[[Vector], "Linearisation"]
 
 
 @dataclass(frozen=True)
@@ -41,8 +43,8 @@ class Linearisation:
         joint_jacobian: Derivative by the measured joints, (n, m, inputs).
         measured: Which of the m numbers of each pose were measured, (n, m).
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
-        trouble: A key of `ekf.STOPS` if the model cannot produce what was measured, else empty.
         blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
+        lost: Which observations were made and are out of the sensor's reach in the model, (n, blocks); none if it is None.
     """
 
     residual: Matrix
@@ -50,8 +52,39 @@ class Linearisation:
     joint_jacobian: Array3
     measured: Any
     stated_sigma: Matrix
-    trouble: str = ""
     blocks: tuple[Block, ...] = ()
+    lost: Mask | None = None
+
+    @cached_property
+    def trouble(self) -> str:
+        """A key of `ekf.STOPS` if the model cannot produce what was measured, else empty."""
+        if self.lost is not None and self.lost.any():
+            return "left_screen"
+        return "" if np.isfinite(self.residual).all() else "not_finite"
+
+    def without(self, out: Mask) -> Linearisation:
+        """The same as if some observations, (n, blocks), had not been made."""
+        if not out.any():
+            return self
+        numbers = ~out[:, self.block_of]
+        return replace(
+            self,
+            residual=np.where(numbers, self.residual, 0.0),
+            jacobian=np.where(numbers[..., None], self.jacobian, 0.0),
+            joint_jacobian=np.where(numbers[..., None], self.joint_jacobian, 0.0),
+            measured=self.measured & numbers,
+            lost=None if self.lost is None else self.lost & ~out,
+        )
+
+    @property
+    def block_of(self) -> Kinds:
+        """Which block each number of a pose belongs to, (m,)."""
+        return np.repeat(np.arange(len(self.blocks)), [block.columns.stop - block.columns.start for block in self.blocks])
+
+    @property
+    def made(self) -> Mask:
+        """Which observations were made, (n, blocks)."""
+        return np.column_stack([np.asarray(self.measured)[:, block.columns].any(axis=1) for block in self.blocks])
 
     @cached_property
     def kinds(self) -> Kinds:
@@ -99,3 +132,16 @@ class Linearisation:
         """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
         first = self.kinds == 0
         return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))
+
+
+def remembering(linearise: Linearise) -> Linearise:
+    """The same function, that knows its last answer: fit, gate, covariance and tables ask for the same state."""
+    last: list[tuple[bytes, Linearisation]] = []
+
+    def linearised(x: Vector) -> Linearisation:
+        key = np.asarray(x, dtype=float).tobytes()
+        if not last or last[0][0] != key:
+            last[:] = [(key, linearise(x))]
+        return last[0][1]
+
+    return linearised

@@ -15,7 +15,6 @@ those so far off that they have no say but could bar the way, and all are looked
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -23,9 +22,9 @@ import numpy as np
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.estimation.chi_squared import MEDIANS, medians
-from urdfcal.estimation.ekf import Belief, Estimate, Linearise, Sweep, compress, iterated_schedule, update
+from urdfcal.estimation.ekf import Belief, Estimate, Sweep, compress, iterated_schedule, update
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
-from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.residual import Linearisation, Linearise
 
 Loss = Literal["student", "huber"]
 _NU = 4.0
@@ -103,47 +102,30 @@ class Observations:
 
     Attributes:
         linearise: Residual and Jacobian of the whole set at a state.
-        missed: Which of the beams that were seen do not meet the screen at a state, (n, blocks); never true of anything else.
-        seen: What was measured, (n, blocks).
-        block_of: Which block each number of a pose belongs to, (m,).
+        made: What was measured, (n, blocks).
     """
 
     linearise: Linearise
-    missed: Callable[[Vector], Mask]
-    seen: Mask
-    block_of: Any
+    made: Mask
+
+    @staticmethod
+    def of(linearise: Linearise, x: Vector) -> Observations:
+        """Those of a set, as any state x tells."""
+        return Observations(linearise, linearise(x).made)
 
     def at(self, x: Vector, kept: Mask) -> Linearisation:
         """The set at x as if what is not kept (n, blocks) had not been measured."""
-        return self._without(self.linearise(x), x, kept)
+        return self.linearise(x).without(~kept)
 
     def reached(self, x: Vector) -> tuple[Linearisation, Mask]:
-        """The set at x without the beams that do not meet the screen there, and which those are not, (n, blocks)."""
+        """The set at x without what is out of the sensor's reach there, and what that is not, (n, blocks)."""
         here = self.linearise(x)
-        met = np.ones_like(self.seen) if here.usable else ~self.missed(x)
-        return self._without(here, x, met), met
+        met = np.ones_like(self.made) if here.lost is None else ~here.lost
+        return here.without(~met), met
 
     def too_few(self, kept: Mask) -> bool:
         """Whether so many are left out that there is no telling which are right."""
-        return bool(np.mean(kept[self.seen]) < 1 - _MOST_OUT)
-
-    def _without(self, here: Linearisation, x: Vector, kept: Mask) -> Linearisation:
-        if kept.all():
-            return here
-        numbers = kept[:, self.block_of]
-        left = replace(
-            here,
-            residual=np.where(numbers, here.residual, 0.0),
-            jacobian=np.where(numbers[..., None], here.jacobian, 0.0),
-            joint_jacobian=np.where(numbers[..., None], here.joint_jacobian, 0.0),
-            measured=here.measured & numbers,
-        )
-        return left if here.usable else replace(left, trouble=self._trouble(left, x, kept))
-
-    def _trouble(self, left: Linearisation, x: Vector, kept: Mask) -> str:
-        if (self.missed(x) & kept).any():
-            return "left_screen"
-        return "" if np.isfinite(left.residual).all() and np.isfinite(left.jacobian).all() else "not_finite"
+        return bool(np.mean(kept[self.made]) < 1 - _MOST_OUT)
 
 
 def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:

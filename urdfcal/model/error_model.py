@@ -6,7 +6,7 @@ origin (or, where the URDF has no joint of its own for it, right before one). Th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -16,12 +16,12 @@ import pinocchio as pin
 
 from urdfcal.base.errors import ShapeMismatch
 from urdfcal.base.geometry import SE3, Matrix, Vector, exponentials, product
+from urdfcal.estimation.prior import Prior
 from urdfcal.model.gravity import WeighedRobot
-from urdfcal.model.parameters import INSTRUMENTS, SESSION_KINDS, Kind, Parameter, PriorScale
+from urdfcal.model.parameters import SESSION_KINDS, Kind, Parameter, PriorScale
 from urdfcal.model.slots import Slot
 from urdfcal.model.softness import Softness, Term, Yielding
-from urdfcal.robot.chain import Chain
-from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.robot.chain import Chain, Step
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,13 @@ class Placements:
 
     Attributes:
         joints: Placement of each moving joint behind the one before it.
-        module: Module behind the last moving joint.
-        lasers: Each laser behind the last moving joint.
         frames: Each of the chain's frames behind the moving joint that carries it.
-        moves: Which parameters move each of those frames against the screen, (frames, p).
+        moves: Which parameters move each of those frames against the screen, (frames, p): of those on its way all.
         anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
-        screws: (6, p) those screws, signed for the motion of the module against the screen.
+        screws: (6, p) those screws, signed for the motion of what lies behind them against the screen.
     """
 
     joints: list[SE3]
-    module: SE3
-    lasers: list[SE3]
     frames: list[SE3]
     moves: Any
     anchors: Any
@@ -97,14 +93,15 @@ class ErrorModel:
         """Prior means, (p,), [m] and [rad]."""
         return np.array([parameter.mean for parameter in self.parameters])
 
-    @cached_property
-    def moves_laser(self) -> Any:
-        """Which lasers each parameter moves, (lasers, p): a beam's own alone, and those that hang on it; anything else all of them."""
-        ways = [{joint.child for joint in joints} for joints in self.chain.laser_joints]
-        carriers = [parameter.name.rsplit(".", 1)[0] if parameter.kind == "beam" else "" for parameter in self.parameters]
-        moves = np.array([[not carrier or carrier in way for carrier in carriers] for way in ways], dtype=bool)
-        beside = np.array([parameter.kind in INSTRUMENTS for parameter in self.parameters], dtype=bool)
-        return moves.reshape(len(ways), len(carriers)) & ~beside
+    def prior(self, keep: Collection[str] = ()) -> Prior:
+        """What is known before the data; parameters to keep are in no group whose scale the data may choose."""
+        groups = tuple("" if parameter.name in keep else parameter.scale_group for parameter in self.parameters)
+        return Prior(self.names, self.mean, self.sigma, groups)
+
+    def with_prior(self, prior: Prior) -> ErrorModel:
+        """The same with other standard deviations."""
+        named = zip(self.parameters, prior.sigma.tolist(), strict=True)
+        return replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
 
     def check(self, x: Vector) -> Vector:
         """X as an array of floats, if it fits.
@@ -130,17 +127,16 @@ class ErrorModel:
     def placements(self, x: Vector, session: str = "") -> Placements:
         """Walk the way from screen to lasers with every slot at x."""
         walk = _Walk(len(self.parameters), self.slots, self.slot_values(x, session), self._columns[session], session)
-        module = walk.along(self._way)
+        walk.along(self._way)
         for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
             walk.anchors[column], walk.passed[column] = joint, True
         on_way = walk.passed.copy()
-        lasers = [walk.along(way, start=module) for way in self._laser_ways]
         frames, moves = [], np.zeros((len(self._frame_ways), len(self.parameters)), dtype=bool)
         for row, (frame, way) in enumerate(zip(self.chain.frames, self._frame_ways, strict=True)):
             walk.passed[:] = False
-            frames.append(walk.along(way, start=pin.SE3.Identity(), depth=frame.depth))
+            frames.append(walk.along(way, depth=frame.depth))
             moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
-        return Placements(walk.edges, module, lasers, frames, moves, walk.anchors, walk.screws)
+        return Placements(walk.edges, frames, moves, walk.anchors, walk.screws)
 
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
@@ -158,24 +154,10 @@ class ErrorModel:
 
     @cached_property
     def _way(self) -> list[_Station]:
-        """From the screen to the module."""
-        stations: list[_Station] = []
-        for step in self.chain.steps:
-            before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
-            origin = step.joint.origin
-            if step.forward:
-                stations += [*before, _Station(constant=origin), *behind, *_motion(step.joint)]
-            else:
-                stations += [*_motion(step.joint), *_inverse(behind), _Station(constant=origin.inverse()), *_inverse(before)]
-        return stations + self._slot_at(None, False)
-
-    @cached_property
-    def _laser_ways(self) -> list[list[_Station]]:
-        """From the module to each laser."""
-        return [
-            [station for joint in way for station in (_Station(constant=joint.origin), *self._slot_at(joint.name, False))]
-            for way in self.chain.laser_joints
-        ]
+        """From the screen to behind the last motion."""
+        stations = [station for step in self.chain.steps for station in self._stations(step, moving=True)]
+        last = max(number for number, station in enumerate(stations) if station.moves)
+        return stations[: last + 1]
 
     def yielding(self, x: Vector, basis: Matrix) -> Yielding | None:
         """How the joints give way at x, for the basis of every soft term at some poses (n, terms); None if nothing does."""
@@ -210,22 +192,24 @@ class ErrorModel:
         """From behind the motion that carries it to each of the chain's frames."""
         ways = []
         for index, frame in enumerate(self.chain.frames):
-            way: list[_Station] = []
-            for step in frame.steps:
-                before, behind = self._slot_at(step.joint.name, True), self._slot_at(step.joint.name, False)
-                if step.forward:
-                    way += [*before, _Station(constant=step.joint.origin), *behind]
-                else:
-                    way += [*_inverse(behind), _Station(constant=step.joint.origin.inverse()), *_inverse(before)]
+            way = [station for step in frame.steps for station in self._stations(step, moving=False)]
             way += [_Station(slot=number) for number, slot in enumerate(self.slots) if index in (slot.frame, *slot.also)]
             ways.append(way + ([_Station(constant=pin.SE3(np.eye(3), np.array(frame.at)))] if any(frame.at) else []))
         return ways
 
-    def _slot_at(self, joint: str | None, before: bool) -> list[_Station]:
+    def _stations(self, step: Step, *, moving: bool) -> list[_Station]:
+        """What is passed at one joint: its origin with the slots on both sides and, on request, its motion; backward all inverted."""
+        before, behind = self._slots_at(step.joint.name, True), self._slots_at(step.joint.name, False)
+        motion = [_Station()] if moving and step.joint.moves else []
+        if step.forward:
+            return [*before, _Station(constant=step.joint.origin), *behind, *motion]
+        return [*motion, *_inverse(behind), _Station(constant=step.joint.origin.inverse()), *_inverse(before)]
+
+    def _slots_at(self, joint: str, before: bool) -> list[_Station]:
         return [
             _Station(slot=index)
             for index, slot in enumerate(self.slots)
-            if (slot.joint, slot.before) == (joint, before) and slot.names and slot.frame is None
+            if joint in slot.joints and slot.before == before and slot.names and slot.frame is None
         ]
 
     def corrected_origins(self, x: Vector) -> dict[str, SE3]:
@@ -240,22 +224,13 @@ class ErrorModel:
         ]
         joints = {step.joint.name: step.joint for step in self.chain.steps}
         joints |= {joint.name: joint for way in self.chain.laser_joints for joint in way}
-        touched = {slot.joint for slot in self.slots if self._has_estimated(slot)}
+        touched = {joint for slot in self.slots if self._has_estimated(slot) for joint in slot.joints}
         origins: dict[str, SE3] = {}
         for slot, delta in zip(self.slots, deltas, strict=True):
-            if slot.frame is not None:
-                continue
-            if slot.joint is None and self._has_estimated(slot):
-                origins |= self._on_each_laser(delta, origins)
-            elif slot.joint in touched and slot.joint is not None:
-                origin = origins.get(slot.joint, joints[slot.joint].origin)
-                origins[slot.joint] = delta * origin if slot.before else origin * delta
+            for joint in (joint for joint in slot.joints if joint in touched):
+                origin = origins.get(joint, joints[joint].origin)
+                origins[joint] = delta * origin if slot.before else origin * delta
         return origins
-
-    def _on_each_laser(self, delta: SE3, origins: Mapping[str, SE3]) -> dict[str, SE3]:
-        """A correction of a module that is the moving link itself, put on the first fixed joint of every laser alike."""
-        firsts = {way[0].name: way[0] for way in self.chain.laser_joints}
-        return {name: delta * origins.get(name, joint.origin) for name, joint in firsts.items()}
 
     def _has_estimated(self, slot: Slot) -> bool:
         wanted = {f"{slot.label}.{name}" for name in slot.names}
@@ -274,9 +249,10 @@ class _Station:
     slot: int = -1
     inverted: bool = False
 
-
-def _motion(joint: UrdfJoint) -> list[_Station]:
-    return [_Station()] if joint.moves else []
+    @property
+    def moves(self) -> bool:
+        """Whether it is the motion of a joint."""
+        return self.constant is None and self.slot < 0
 
 
 def _inverse(stations: list[_Station]) -> list[_Station]:
@@ -295,9 +271,9 @@ class _Walk:
         self.screws = np.zeros((6, parameters))
         self.passed = np.zeros(parameters, dtype=bool)
 
-    def along(self, way: Iterable[_Station], start: SE3 | None = None, depth: int | None = None) -> SE3:
-        """Walk from a placement behind the last motion, or behind the one at some depth; gives back the placement reached."""
-        edge = pin.SE3.Identity() if start is None else start
+    def along(self, way: Iterable[_Station], depth: int | None = None) -> SE3:
+        """Walk from where the way begins, or from behind the motion at some depth; gives back the placement reached since the last one."""
+        edge = pin.SE3.Identity()
         for station in way:
             if station.constant is not None:
                 edge = edge * station.constant

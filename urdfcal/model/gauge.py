@@ -21,9 +21,9 @@ from urdfcal.model.error_model import ErrorModel, parameters_of
 from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import DEFAULT_PRIORS, SESSION_KINDS, Kind, Parameter, PriorScale, matching
-from urdfcal.model.slots import BEAMS, BEAMS4, SIX, Slot, beam_slots, require_screen_slot, slots_of
+from urdfcal.model.slots import BEAMS, BEAMS4, Slot, beam_slots, require_screen_slot, slots_of
 from urdfcal.robot.chain import Chain
-from urdfcal.robot.rig import Rig
+from urdfcal.robot.rig import SIX, Rig
 from urdfcal.robot.robot import Robot
 
 CONFIGURATIONS = 50

@@ -1,4 +1,4 @@
-"""Jac1: how the module moves against the screen with every error parameter, equations (5) and (6).
+"""Jac1: how the frames of a chain move against the screen with every error parameter, equations (5) and (6).
 
 Forward kinematics is Pinocchio's, one call a pose; what follows is algebra over all poses at once. A parameter moves the arm along
 a screw that is constant in the frame of the joint before it, so its twist in screen axes, taken at the screen's origin, is
@@ -7,7 +7,7 @@ a screw that is constant in the frame of the joint before it, so its twist in sc
 
 with (R_j, p_j) the placement of that joint and (v_k, w_k) the constant screw: the same columns that Pinocchio's frame kinematic
 regressor has, times the basis of the error model (the tests compare the two). At the screen's origin the twist is the same for
-every laser.
+everything that a parameter moves.
 """
 
 from __future__ import annotations
@@ -29,23 +29,17 @@ CHUNK = 1024  # poses worked on at once, so that the temporaries stay in the pro
 
 
 @dataclass(frozen=True)
-class LaserMotion:
-    """Where the beams are at each pose, and how they move.
+class ArmMotion:
+    """Where the frames of a chain are at each pose, and how they move; all in the axes of its base (the screen), at its origin.
 
     Attributes:
-        source: Origins of the beams on the screen's axes, (n, lasers, 3), [m].
-        direction: Unit vectors along the beams in screen axes, (n, lasers, 3).
-        jac1: Twist [v, w] of the module against the screen, in screen axes at the screen's origin, per parameter, (n, 6, p).
-        joint_jacobian: The same per measured joint, (n, 6, inputs); no columns where it was not asked for.
-        frames: The chain's frames in screen axes, [R | p], (frames, n, 3, 4).
-        axis_twists: Twists of all that lies behind each moving joint, per unit of its motion, (n, 6, moving); as joint_jacobian.
+        frames: The chain's frames, [R | p], (frames, n, 3, 4).
+        jac1: Twist [v, w] of what lies behind each parameter, per unit of it, (n, 6, p).
+        axis_twists: The same of each moving joint, (n, 6, moving); no columns where they were not asked for.
     """
 
-    source: Array3
-    direction: Array3
-    jac1: Array3
-    joint_jacobian: Array3
     frames: Array4
+    jac1: Array3
     axis_twists: Array3
 
 
@@ -114,8 +108,8 @@ class ArmKinematics:
         return view
 
 
-def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "", joints: bool = False) -> LaserMotion:
-    """Differentiate the poses of the lasers with respect to the error parameters (Jac1, equation 6).
+def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "", joints: bool = False) -> ArmMotion:
+    """Differentiate the poses of the chain's frames with respect to the error parameters (Jac1, equation 6).
 
     Args:
         arm: Kinematics of the chain that the error model lies over.
@@ -123,7 +117,7 @@ def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, s
         q: Measured joint positions, (n, inputs), [rad] or [m].
         x: Error parameters, (p,), [m] and [rad] in the order of `errors.names`.
         session: Whose screen placement to use.
-        joints: Also differentiate by the measured joints.
+        joints: Also differentiate by the moving joints.
 
     Raises:
         ShapeMismatch: q or x does not fit this chain and error model.
@@ -134,8 +128,8 @@ def laser_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, s
 
 def motion_at(
     arm: ArmKinematics, placed: Placements, positions: Matrix, joints: bool = False, yielding: Yielding | None = None
-) -> LaserMotion:
-    """Sources, directions and twists at chain positions (n, moving), with the chain's constants given; joint twists on request.
+) -> ArmMotion:
+    """Frames and twists at chain positions (n, moving), with the chain's constants given; joint twists on request.
 
     Args:
         arm: Kinematics of the chain; with bends where joints yield about axes across their own.
@@ -147,21 +141,16 @@ def motion_at(
     arm.place(placed.joints)
     every = arm.frames(positions if yielding is None else _given_way(arm, positions, yielding))
     frames = arm.bodies(every)
-    n, lasers = len(positions), len(placed.lasers)
-    beams = (frames[:, :, -4:] @ _beam_columns(placed)).reshape(3, n, 2, lasers)
     jac1 = _twists(frames, placed.anchors, placed.screws).transpose(1, 0, 2)
-    axis_twists = np.empty((n, 6, 0))
+    axis_twists = np.empty((len(positions), 6, 0))
     if joints or yielding is not None:
         axis_twists = _twists(every, np.array(arm.layout.motion), arm.axis_screws).transpose(1, 0, 2)
     if yielding is not None and placed.screws.shape[1]:
         jac1[:, :, yielding.columns] = _yielding_twists(arm, every, axis_twists, yielding)
-    return LaserMotion(
-        source=beams[:, :, 0].transpose(1, 2, 0),
-        direction=beams[:, :, 1].transpose(1, 2, 0),
-        jac1=jac1,
-        joint_jacobian=axis_twists @ arm.chain.coupling.T if joints else np.empty((n, 6, 0)),
+    return ArmMotion(
         frames=_placed_frames(arm.chain, frames, placed.frames),
-        axis_twists=axis_twists if joints else np.empty((n, 6, 0)),
+        jac1=jac1,
+        axis_twists=axis_twists if joints else axis_twists[:, :, :0],
     )
 
 
@@ -196,19 +185,12 @@ def _signs(arm: ArmKinematics) -> list[float]:
 
 
 def _placed_frames(chain: Chain, frames: Array3, local: list[SE3]) -> Array4:
-    """The chain's frames [R | p] in screen axes, (frames, n, 3, 4), from those of the joints."""
+    """The chain's frames [R | p], (frames, n, 3, 4), from those of the joints."""
     placed = np.empty((len(local), frames.shape[1], 3, 4))
     for own, frame, placement in zip(placed, chain.frames, local, strict=True):
         body = frames[:, :, 4 * frame.depth : 4 * frame.depth + 4]
         own[:] = (body @ placement.homogeneous).transpose(1, 0, 2)
     return placed
-
-
-def _beam_columns(placed: Placements) -> Matrix:
-    """Source and direction of each beam in homogeneous coordinates of the last moving joint, (4, 2 lasers)."""
-    sources = [[*laser.translation, 1.0] for laser in placed.lasers]
-    directions = [[*laser.rotation[:, 2], 0.0] for laser in placed.lasers]
-    return np.array(sources + directions).reshape(-1, 4).T
 
 
 def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
@@ -219,7 +201,7 @@ def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
     def turned(vectors: Matrix) -> Array3:
         basis = np.zeros((width // 4, 4, len(pick)))
         basis[anchors, :3, pick] = vectors.T
-        return (flat @ basis.reshape(width, -1)).reshape(3, n, -1)
+        return (flat @ basis.reshape(width, len(pick))).reshape(3, n, len(pick))
 
     twists = np.empty((6, n, len(pick)))
     twists[:3], w, p = turned(screws[:3]), turned(screws[3:]), frames[:, :, 4 * np.asarray(anchors) + 3]

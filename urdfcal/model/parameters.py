@@ -1,4 +1,4 @@
-"""TODO."""
+"""Parameters: names, units, groups and the priors that each group has by default."""
 
 from __future__ import annotations
 
@@ -67,6 +67,18 @@ class Parameter:
     kind: Kind
     mean: float
     sigma: float
+
+    @property
+    def scale_group(self) -> str:
+        """Which scale the data may choose for its prior: of a joint's `translation`, `rotation` or `zero`, of `sag` or `sag across`.
+
+        Empty where the prior is kept.
+        """
+        if self.kind == "soft":
+            return {"sag": "sag", "sag_1": "sag across", "sag_2": "sag across"}.get(self.name.rpartition(".")[2], "")
+        if self.kind != "joint":
+            return ""
+        return "translation" if self.unit == "m" else "zero" if self.name.endswith(".d_theta") else "rotation"
 
 
 def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:

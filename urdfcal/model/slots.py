@@ -15,11 +15,10 @@ from urdfcal.base.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_scr
 from urdfcal.model.dh import DhRow, dh_table
 from urdfcal.model.parameters import Kind
 from urdfcal.robot.chain import Chain
-from urdfcal.robot.rig import Rig
+from urdfcal.robot.rig import SIX, Rig
 from urdfcal.robot.urdf_tree import UrdfJoint
 
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
-SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
 _COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
 BEAMS = ("rot_x", "rot_y")
@@ -35,7 +34,8 @@ class Slot:
         kind: What sort of placement it is; decides the prior.
         names: Second halves, in the order of the product.
         screws: (6, k) in the slot's own frame.
-        joint: URDF joint next to it; None for a module that has no fixed joint of its own.
+        joints: URDF joint next to it; of a module that has no fixed joint of its own, the first joint of every laser alike; none for an
+            instrument's.
         before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
         spare: Those of the names that the gauge rule considers last, after everything else.
         frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
@@ -47,7 +47,7 @@ class Slot:
     kind: Kind
     names: tuple[str, ...]
     screws: Matrix
-    joint: str | None
+    joints: tuple[str, ...]
     before: bool = False
     spare: tuple[str, ...] = ()
     frame: int | None = None
@@ -99,22 +99,29 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
         return (*joints, *instruments)
     slots = [_screen_slot(chain, rig), *joints, *instruments]
     names, screws = (PAPER_MOUNT, _paper_mount(chain, rows)) if model == "dh" else (SIX, six_screws())
-    slots.append(Slot(rig.module, "mount", names, screws, chain.mount_joint.name if chain.mount_joint else None))
-    return tuple(slots)
+    return (*slots, _mount_slot(chain, rig, names, screws))
+
+
+def _mount_slot(chain: Chain, rig: Rig, names: tuple[str, ...], screws: Matrix) -> Slot:
+    """The module's placement: on its own fixed joint or, where it is the moving link itself, before the first joint of every laser."""
+    if chain.mount_joint is not None:
+        return Slot(rig.module, "mount", names, screws, (chain.mount_joint.name,))
+    firsts = tuple(dict.fromkeys(way[0].name for way in chain.laser_joints))
+    return Slot(rig.module, "mount", names, screws, firsts, before=True)
 
 
 def _frame_slots(rig: Rig) -> list[Slot]:
     """The placement of the measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
-    slots = [Slot(own, "reference", SIX, six_screws(), None, frame=0)] if seen.placed else []
+    slots = [Slot(own, "reference", SIX, six_screws(), (), frame=0)] if seen.placed else []
     places: dict[str, list[int]] = {}
     for index, target in enumerate(seen.targets, start=1):
         places.setdefault(target.placed_by, []).append(index)
     for label, (first, *others) in places.items():
         target = seen.targets[first - 1]
         count = 6 if target.whole or target.board else 3
-        slots.append(Slot(label, "target", SIX[:count], six_screws()[:, :count], None, frame=first, also=tuple(others)))
+        slots.append(Slot(label, "target", SIX[:count], six_screws()[:, :count], (), frame=first, also=tuple(others)))
     return slots
 
 
@@ -131,24 +138,24 @@ def _paper_mount(chain: Chain, rows: _AxisTables) -> Matrix:
 def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:
     """The beams' slots: two angles, or two angles and two offsets, on each laser's own joint."""
     screws = six_screws()[:, [SIX.index(name) for name in names]]
-    return tuple(Slot(way[-1].child, "beam", names, screws, way[-1].name) for way in chain.laser_joints)
+    return tuple(Slot(way[-1].child, "beam", names, screws, (way[-1].name,)) for way in chain.laser_joints)
 
 
 def _screen_slot(chain: Chain, rig: Rig) -> Slot:
     own = chain.screen_joint
     if own is not None:
-        return Slot(rig.screen, "screen", SIX, six_screws(), own.joint.name)
+        return Slot(rig.screen, "screen", SIX, six_screws(), (own.joint.name,))
     first = chain.steps[0]
     if not first.forward:  # the screen is the very link that a moving joint carries: no origin stands for it
-        return Slot(rig.screen, "screen", (), np.empty((6, 0)), first.joint.name, before=True)
-    return Slot(rig.screen, "screen", SIX, six_screws(), first.joint.name, before=True)
+        return Slot(rig.screen, "screen", (), np.empty((6, 0)), (first.joint.name,), before=True)
+    return Slot(rig.screen, "screen", SIX, six_screws(), (first.joint.name,), before=True)
 
 
 def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
     if model not in MODELS:
         raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
     named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
-    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), joint.name, spare=_spare(joint, model, rows))
+    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), (joint.name,), spare=_spare(joint, model, rows))
 
 
 def _placement() -> dict[str, Vector]:

@@ -18,7 +18,6 @@ from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.result import FitResult
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import kinds_of
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
@@ -41,7 +40,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
             "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
             "spot_sigma_stated": noise.all_stated,
             "extra_noise": dict(calibration.extra_noise),
-            "sigma": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
+            "sigma": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
             "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
         },
         "joints": joint_entries(calibration.corrections),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -58,17 +58,22 @@ class ModelLayout:
     bends: list[int]
 
 
+Role = Literal["reference", "target", "laser"]
+
+
 @dataclass(frozen=True)
 class ChainFrame:
-    """A frame that is rigidly joined to a body of the way: a target, or the frame that targets are seen in.
+    """A frame that is rigidly joined to a body of the way: a laser, a target, or the frame that targets are seen in.
 
     Attributes:
-        name: Of the target, or of the reference link.
+        role: What it is to the measurements.
+        name: Of the laser or target, or of the reference link.
         depth: How many moving joints of the way have been passed when its body is reached.
         steps: Joints from behind the last motion to its link; the first one may be the moving joint, walked against its direction.
         at: Where it is on what is placed on the link: a corner on its board, [m].
     """
 
+    role: Role
     name: str
     depth: int
     steps: tuple[Step, ...]
@@ -85,7 +90,7 @@ class Chain:
         inputs: The joints that a measurement states, in order of the way; mimic joints are replaced by their leaders.
         coupling: (inputs, moving): chain positions are `q @ coupling + offset`; -1 where a joint is walked backward.
         offset: (moving,), from mimic joints.
-        frames: The frame that targets are seen in, then the targets; empty where there are lasers alone.
+        frames: The frame that targets are seen in and the targets, if there are any; then the lasers.
     """
 
     steps: tuple[Step, ...]
@@ -99,6 +104,25 @@ class Chain:
     def moving(self) -> tuple[Step, ...]:
         """The steps that move, screen first."""
         return tuple(step for step in self.steps if step.joint.moves)
+
+    @property
+    def measuring_frame(self) -> int:
+        """Which of the frames targets are seen from."""
+        return 0
+
+    def frame_index(self, role: Role, name: str) -> int:
+        """Which of the frames one is."""
+        return next(index for index, frame in enumerate(self.frames) if (frame.role, frame.name) == (role, name))
+
+    @cached_property
+    def laser_frames(self) -> list[int]:
+        """Which of the frames are lasers, in order."""
+        return [index for index, frame in enumerate(self.frames) if frame.role == "laser"]
+
+    @property
+    def laser_names(self) -> tuple[str, ...]:
+        """The laser links, in order."""
+        return tuple(self.frames[index].name for index in self.laser_frames)
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -186,10 +210,19 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         coupling[list(inputs).index(joint.name), column] = sign * multiplier
         offset[column] = sign * shift
     lasers = tuple(tuple(_below(tree, rig.module, laser)) for laser in rig.lasers)
-    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, tuple(_frames(tree, rig, steps)))
+    frames = (*_target_frames(tree, rig, steps), *_laser_frames(steps, lasers))
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, frames)
 
 
-def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFrame]:
+def _laser_frames(steps: Sequence[Step], lasers: Sequence[Sequence[UrdfJoint]]) -> Iterator[ChainFrame]:
+    """Every laser behind the last motion, by way of the module."""
+    moving = [index for index, step in enumerate(steps) if step.joint.moves]
+    tail = steps[moving[-1] + steps[moving[-1]].forward :]
+    for way in lasers:
+        yield ChainFrame("laser", way[-1].child, len(moving), (*tail, *(Step(joint, forward=True) for joint in way)))
+
+
+def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFrame]:
     """The measuring frame and the targets, each on the body of the way that carries it.
 
     Raises:
@@ -200,9 +233,10 @@ def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFr
         link = step.joint.child if step.forward else step.joint.parent
         bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
     instruments = rig.instruments
-    named = [(instruments.reference, instruments.reference, (0.0, 0.0, 0.0))]
-    named += [(target.name, target.link, target.at) for target in instruments.targets]
-    for name, link, at in named if instruments.targets else ():
+    origin = (0.0, 0.0, 0.0)
+    named: list[tuple[Role, str, str, tuple[float, float, float]]] = [("reference", instruments.reference, instruments.reference, origin)]
+    named += [("target", target.name, target.link, target.at) for target in instruments.targets]
+    for role, name, link, at in named if instruments.targets else ():
         if tree.moving_link(link) not in bodies:
             raise RigError(
                 f"'{link}' is not on the way from '{rig.screen}' to '{rig.module}'; targets and what they are measured from must lie "
@@ -210,7 +244,7 @@ def _frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFr
                 tree.label,
             )
         depth, start, tail = bodies[tree.moving_link(link)]
-        yield ChainFrame(name, depth, (*tail, *_between(tree, start, link)), at)
+        yield ChainFrame(role, name, depth, (*tail, *_between(tree, start, link)), at)
 
 
 def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:

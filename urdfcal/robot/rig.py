@@ -12,10 +12,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from urdfcal.base.errors import RigError, no_such
 from urdfcal.robot.urdf_tree import UrdfTree
 
+SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
 TRACKER = "tracker"  # the link that targets are seen from, if there is one of that name
 _LASER = re.compile(r"laser_(\d+)$")
 
@@ -77,11 +79,13 @@ class Place:
         name: First half of the parameters' names.
         names: Second halves.
         units: Unit of each: m or rad.
+        kind: `place`, of which nothing is known before, or `camera`: the screen's place before a calibrated camera.
     """
 
     name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
+    kind: Literal["place", "camera"] = "place"
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,11 @@ class Instruments:
     placed: bool = False
     places: tuple[Place, ...] = ()
     camera_sigma: tuple[float, ...] = ()
+
+    @property
+    def needed(self) -> bool:
+        """Whether there are any: spots in metres on the screen need none."""
+        return bool(self.targets or self.camera_sigma)
 
 
 NONE = Instruments()

@@ -1,4 +1,4 @@
-"""Laser spots and the joint positions they were seen at: `measurements.csv`, in and out."""
+"""What was measured at which joint positions."""
 
 from __future__ import annotations
 
@@ -15,19 +15,17 @@ from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
 from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
-from urdfcal.sensors.sensor import noun, start_sigma_of
+from urdfcal.sensors.registry import noun, start_sigma_of
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """Spots on the screen at known joint positions; SI units.
+    """Readings at known joint positions; SI units.
 
     Attributes:
         joints: Names of the measured joints.
-        lasers: Names of the laser links.
         q: Joint positions, (n, joints), [rad] or [m].
-        spots: (y, z) on the screen, (n, lasers, 2), [m]; nan where a beam was not seen.
-        sigma: Stated standard deviation of each spot, (n, lasers), [m]; nan where nothing is stated.
+        readings: What every sensor read of every target: lasers first.
         poses: Label of each pose, (n,).
         sets: `fit` or `test`, (n,).
         sessions: Session of each pose, (n,); the empty string where there is only one.
@@ -35,20 +33,17 @@ class Measurements:
         sha256: Hash of that file; the empty string where there is none.
         lines: Line of each pose in the file, (n,); 0 where there is none.
         warnings: What was odd but could be read.
-        readings: What instruments beside lasers read.
         reference: Link that the measuring frame stands on; the empty string for the default.
         lengths: Known distances between sockets.
         payload: Mass that the arm carried at each pose, (n,), [kg]; None where nothing is said.
         boards: Links that are boards, with the grids of their corners.
-        camera: What pixels were read with: a `vision.camera_model.Camera`.
+        camera: What pixels were read with: a `sensors.camera.Camera`.
         approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
     """
 
     joints: tuple[str, ...]
-    lasers: tuple[str, ...]
     q: Matrix
-    spots: Array3
-    sigma: Matrix
+    readings: tuple[Readings, ...]
     poses: Labels
     sets: Labels
     sessions: Labels
@@ -56,7 +51,6 @@ class Measurements:
     sha256: str = ""
     lines: npt.NDArray[np.int_] | None = None
     warnings: tuple[str, ...] = ()
-    readings: tuple[Readings, ...] = ()
     reference: str = ""
     lengths: tuple[KnownLength, ...] = ()
     payload: Vector | None = None
@@ -64,29 +58,19 @@ class Measurements:
     camera: Any = None
     boards: Mapping[str, Grid] = field(default_factory=dict)
 
-    def of_laser(self, readings: Readings) -> bool:
-        """Whether readings are the pixels of a laser's spots."""
-        return readings.kind == "pixel" and readings.link in self.lasers
-
     def __post_init__(self) -> None:
         n = len(self.q)
-        expected = {
-            "q": (n, len(self.joints)),
-            "spots": (n, len(self.lasers), 2),
-            "sigma": (n, len(self.lasers)),
-            "poses": (n,),
-            "sets": (n,),
-            "sessions": (n,),
-        }
+        expected = {"q": (n, len(self.joints)), "poses": (n,), "sets": (n,), "sessions": (n,)}
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ShapeMismatch(f"measurements: {name} has shape {getattr(self, name).shape}, expected {shape}")
+        for each in self.readings:
+            if len(each.labels) != n:
+                raise ShapeMismatch(f"measurements: {len(each.labels)} {noun(each.noise)} of {each.target} for {n} poses")
+            if each.kind.beam and (np.isnan(each.values[:, 0]) != np.isnan(each.values[:, 1])).any():
+                raise ShapeMismatch("measurements: a spot is two finite numbers, or two nan where it was not seen")
         if not np.isfinite(self.q).all():
             raise ShapeMismatch("measurements: joint positions must be finite")
-        if (np.isnan(self.spots[..., 0]) != np.isnan(self.spots[..., 1])).any() or np.isinf(self.spots).any():
-            raise ShapeMismatch("measurements: a spot is two finite numbers, or two nan where it was not seen")
-        if (self.sigma <= 0).any() or np.isinf(self.sigma).any():
-            raise ShapeMismatch("measurements: a stated standard deviation is finite and above zero, or nan where nothing is stated")
         if not np.isin(self.sets, ("fit", "test")).all():
             raise ShapeMismatch("measurements: each pose belongs to the set 'fit' or 'test'")
 
@@ -94,16 +78,10 @@ class Measurements:
         """Number of poses."""
         return len(self.q)
 
-    @property
-    def seen(self) -> Mask:
-        """Which beams were seen, (n, lasers)."""
-        return ~np.isnan(self.spots[..., 0])
-
-    @property
+    @cached_property
     def observed(self) -> Mask:
         """At which poses anything was seen, (n,)."""
-        masks = [self.seen.any(axis=1), *(each.seen for each in self.readings)]
-        return np.asarray(np.any(masks, axis=0))
+        return np.asarray(np.any([np.zeros(len(self), dtype=bool), *(each.seen for each in self.readings)], axis=0))
 
     @property
     def empty(self) -> bool:
@@ -113,21 +91,29 @@ class Measurements:
     @property
     def numbers(self) -> int:
         """How many numbers were measured."""
-        return 2 * int(self.seen.sum()) + sum(each.numbers for each in self.readings)
+        return sum(each.numbers for each in self.readings)
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        """The kinds of noise there are, in the order in which the noise has them."""
+        return tuple(dict.fromkeys(each.noise for each in self.readings))
+
+    @property
+    def only_spots(self) -> bool:
+        """Whether nothing but laser spots on the screen was measured, so that tables and words can speak of spots."""
+        return all(each.sensor == "spot" for each in self.readings)
 
     @property
     def summary(self) -> str:
         """What was measured, in words: `120 spots`, `500 points and 500 orientations`."""
-        counts = {"spot": int(self.seen.sum())} if self.seen.any() or not self.readings else {}
-        for each in self.readings:
-            counts[each.kind] = counts.get(each.kind, 0) + int(each.seen.sum())
-        words = [f"{count} {noun(kind, count)}" for kind, count in counts.items()]
+        counts = {kind: sum(int(each.seen.sum()) for each in self.readings if each.noise == kind) for kind in self.kinds}
+        words = [f"{count} {noun(kind, count)}" for kind, count in counts.items() if count or len(counts) == 1]
         return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
     @cached_property
     def instruments(self) -> Instruments:
         """What the readings were made with."""
-        return instruments_of(self.readings, self.reference, self.lasers, self.camera, self.boards)
+        return instruments_of(self.readings, self.reference, self.camera, self.boards)
 
     @property
     def session_names(self) -> tuple[str, ...]:
@@ -137,7 +123,7 @@ class Measurements:
     def subset(self, rows: npt.ArrayLike) -> Measurements:
         """Some of the poses, by mask or index."""
         index = np.asarray(rows)
-        per_pose = {name: getattr(self, name)[index] for name in ("q", "spots", "sigma", "poses", "sets", "sessions")}
+        per_pose = {name: getattr(self, name)[index] for name in ("q", "poses", "sets", "sessions")}
         readings = tuple(each.subset(index) for each in self.readings)
         left = {place.name for each in readings for place in each.places}
         lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
@@ -146,9 +132,53 @@ class Measurements:
             self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=()
         )
 
+    def without(self, out: Mask) -> Measurements:
+        """The same as if some readings, (n, readings), had not been made."""
+        return replace(self, readings=tuple(each.without(poses) for each, poses in zip(self.readings, out.T, strict=True)))
+
     def split(self) -> tuple[Measurements, Measurements]:
         """The poses to fit and the poses to test, by the `set` column."""
         return self.subset(self.sets == "fit"), self.subset(self.sets == "test")
+
+    @cached_property
+    def lasers(self) -> tuple[str, ...]:
+        """The laser links whose spots were read, in metres or in pixels."""
+        return tuple(dict.fromkeys(each.target for each in self.readings if each.kind.beam))
+
+    @cached_property
+    def spots(self) -> Array3:
+        """Their spots (y, z) on the screen, (n, lasers, 2), [m]; nan where a beam was not seen, or was read in pixels."""
+        return self._of_lasers(2, [(each.target, each.values) for each in self.readings if each.sensor == "spot"])
+
+    @cached_property
+    def sigma(self) -> Matrix:
+        """The standard deviation stated with each of these spots, (n, lasers), [m]; nan where nothing is stated."""
+        return self._of_lasers(1, [(each.target, each.sigma[:, None]) for each in self.readings if each.sensor == "spot"])[..., 0]
+
+    @cached_property
+    def seen(self) -> Mask:
+        """Which of these spots were seen, (n, lasers)."""
+        return ~np.isnan(self.spots[..., 0])
+
+    def with_spots(self, spots: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> Measurements:
+        """The same with other spots on the screen, (n, lasers, 2), [m], and other noise stated with them, (n, lasers), if given."""
+        values = dict(zip(self.lasers, np.moveaxis(np.asarray(spots, dtype=float), 1, 0), strict=True))
+        stated = dict(zip(self.lasers, np.asarray(self.sigma if sigma is None else sigma, dtype=float).T, strict=True))
+        return replace(
+            self,
+            readings=tuple(
+                replace(each, values=values[each.target], sigma=stated[each.target]) if each.sensor == "spot" else each
+                for each in self.readings
+            ),
+        )
+
+    def _of_lasers(self, width: int, own: Sequence[tuple[str, Matrix]]) -> Array3:
+        """What there is of some lasers, beside nan for the others, (n, lasers, width)."""
+        found = np.full((len(self), len(self.lasers), width), np.nan)
+        for laser, values in own:
+            found[:, self.lasers.index(laser)] = values
+        found.flags.writeable = False  # a view: `with_spots` gives other ones
+        return found
 
     def where(self, pose: int) -> str:
         """How a message names a pose: `arm7.csv:17`, or its label."""
@@ -184,33 +214,36 @@ def measurements_from(
     positions, places = np.asarray(q, dtype=float), np.asarray(spots, dtype=float)
     n = len(positions)
     stated = np.full((n, len(robot.rig.lasers)), np.nan) if sigma is None else np.asarray(sigma, dtype=float)
+    for name, own, shape in (("spots", places, (n, len(robot.rig.lasers), 2)), ("sigma", stated, (n, len(robot.rig.lasers)))):
+        if own.shape != shape:
+            raise ShapeMismatch(f"measurements: {name} has shape {own.shape}, expected {shape}")
     labels = [str(number) for number in range(1, n + 1)] if poses is None else poses
     return Measurements(
         joints=robot.chain.input_names,
-        lasers=robot.rig.lasers,
         q=positions,
-        spots=places,
-        sigma=stated,
+        readings=spot_readings(robot.rig.lasers, places, stated),
         poses=np.array(labels, dtype=str),
         sets=np.array(["fit"] * n if sets is None else sets, dtype="<U4"),
         sessions=np.array([""] * n if sessions is None else sessions, dtype=str),
     )
 
 
-def kinds_of(data: Measurements) -> tuple[str, ...]:
-    """What was measured, in the order of the noise: spots first, then the readings' kinds as they come."""
-    spots = ("spot",) if data.lasers else ()
-    return (*spots, *dict.fromkeys(each.kind for each in data.readings))
+def spot_readings(lasers: Sequence[str], spots: Array3, sigma: Matrix | None = None) -> tuple[Readings, ...]:
+    """Spots (n, lasers, 2) of some lasers as readings, with their stated noise (n, lasers) if there is any, [m]."""
+    none = np.full(len(spots), "")
+    stated = np.full(spots.shape[:2], np.nan) if sigma is None else sigma
+    return tuple(Readings("spot", laser, laser, spots[:, index], none, stated[:, index]) for index, laser in enumerate(lasers))
 
 
 def start_sigma(data: Measurements) -> Vector:
     """Noise of every kind before any is known, (kinds,)."""
-    return np.array([start_sigma_of(kind) for kind in kinds_of(data)])
+    return np.array([start_sigma_of(kind) for kind in data.kinds])
 
 
 def as_measured(robot: Robot, data: Measurements) -> Robot:
     """The robot with the instruments that some measurements were made with."""
-    return robot.seen_by(data.instruments, robot.lasers if data.lasers else ()) if data.readings else robot
+    seen = data.instruments
+    return robot.seen_by(seen, robot.lasers if data.lasers else ()) if seen.needed else robot
 
 
 def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:
@@ -229,7 +262,7 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
 
 def in_pixels(data: Measurements) -> bool:
     """Whether spots were read as pixels."""
-    return any(data.of_laser(each) for each in data.readings)
+    return bool(data.instruments.camera_sigma)
 
 
 def require_screen_of_camera(data: Measurements) -> None:
@@ -244,10 +277,12 @@ def require_screen_of_camera(data: Measurements) -> None:
 
 def as_spots(data: Measurements) -> Measurements:
     """Measurements with spots in pixels turned into spots on the screen, where the camera's calibration has it; nothing else is kept."""
-    spots, sigma = data.spots.copy(), data.sigma.copy()
-    for each in (each for each in data.readings if data.of_laser(each)):
-        laser = data.lasers.index(each.link)
-        rows = np.flatnonzero(each.seen)
-        spots[rows, laser] = data.camera.spots_of_pixels(each.values[rows])
-        sigma[rows, laser] = np.nan
-    return replace(data, spots=spots, sigma=sigma, readings=(), lengths=())
+    return replace(data, readings=tuple(_on_screen(each, data.camera) for each in data.readings if each.kind.beam), lengths=())
+
+
+def _on_screen(own: Readings, camera: Any) -> Readings:
+    if own.sensor == "spot":
+        return own
+    spots = np.full((len(own.values), 2), np.nan)
+    spots[own.seen] = camera.spots_of_pixels(own.values[own.seen])
+    return Readings("spot", own.target, own.link, spots, own.labels, np.full(len(spots), np.nan))

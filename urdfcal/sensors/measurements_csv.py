@@ -1,4 +1,4 @@
-"""`measurements.csv`, in and out."""
+"""`measurements.csv`, in and out: one road for every sensor."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hashlib
 import io
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,40 +15,22 @@ import numpy as np
 
 from urdfcal.base.errors import MeasurementError, did_you_mean
 from urdfcal.base.files import write_whole
-from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.rotations import quaternions_of
+from urdfcal.base.geometry import DEG
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import FARTHEST, UrdfJoint
-from urdfcal.sensors.columns import (
-    ANGLE_WORDS,
-    LENGTH_WORDS,
-    QUATERNION,
-    ROLL_PITCH_YAW,
-    TargetColumn,
-    blank_readings,
-    figaroh_name,
-    lost_column,
-    refusal,
-    target_columns,
-    written_columns,
-)
+from urdfcal.sensors.columns import ReadingColumn, cells, figaroh_name, lost_column, reading_columns, refusal, written_columns
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.readings import Readings, instruments_of
-
-_LENGTHS = {"m": 1.0, "mm": MM}
-
-
-_ANGLES = {"rad": 1.0, "deg": DEG}
-
+from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
+from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.sensor import QUANTITIES, CellFault, Sensor
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
+_SPOTS = tuple(name for name, sensor in SENSORS.items() if sensor.beam)
+_OF_PICTURES = ("u", "v", "sigma_px")
 _LEAST_SIGMA = 1e-12  # [m]: a spot known better than that is a mistake, and its weight overflows
-
-
-_UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
 
 
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
@@ -87,22 +69,17 @@ def write_measurements(path: str | Path, data: Measurements, comments: Iterable[
 
 def measurements_csv(data: Measurements, comments: Iterable[str] = ()) -> bytes:
     """Measurements as CSV in radians and metres."""
-    header = ["pose", *data.joints, *(f"{laser}.{axis}" for laser in data.lasers for axis in "yz")]
-    stated = [index for index in range(len(data.lasers)) if not np.isnan(data.sigma[:, index]).all()]
-    header += [f"{data.lasers[index]}.sigma" for index in stated]
-    others = [column for each in data.readings for column in written_columns(each)]
+    columns = [column for each in data.readings for column in written_columns(each)]
     marks = {"set": data.sets} if (data.sets == "test").any() else {}
     marks |= {"session": data.sessions} if (data.sessions != "").any() else {}
     marks |= {"payload": np.array([f"{mass:.12g}" for mass in data.payload])} if data.payload is not None else {}
     text = io.StringIO()
     text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([*header, *(name for name, _ in others), *marks])
-    numbers = np.hstack([data.q, data.spots.reshape(len(data), -1), data.sigma[:, stated]])
-    for pose, row in enumerate(numbers):
-        cells = ["" if math.isnan(number) else f"{number:.12g}" for number in row]
-        cells += [values[pose] for _, values in others]
-        table.writerow([_label(data.poses[pose]), *cells, *(_label(mark[pose]) for mark in marks.values())])
+    table.writerow(["pose", *data.joints, *(name for name, _ in columns), *marks])
+    for pose, q in enumerate(data.q):
+        read = [values[pose] for _, values in columns]
+        table.writerow([_label(data.poses[pose]), *cells(q), *read, *(_label(mark[pose]) for mark in marks.values())])
     return text.getvalue().encode(errors="backslashreplace")
 
 
@@ -174,20 +151,21 @@ class _Reader:
                 self.units[name] = unit
         self.width = len(header)
         self.header_line = line
-        spots_only = (laser for laser in (*self.laser_candidates(), *lasers_by_name(self.robot.tree)) if f"{laser}.x" not in self.index)
-        columns = target_columns(self.index, self.robot, tuple(spots_only))
-        pixels = ("pixel", "sigma_px")
-        self.columns = columns if self.camera is not None else tuple(column for column in columns if column.kind not in pixels)
-        self.unused_pixels = tuple(column.name for column in columns if column not in self.columns)
+        self.candidates = self.laser_candidates()
+        asked = self.candidates if self.robot.lasers is None else [laser for laser in self.candidates if laser in self.robot.lasers]
+        columns = reading_columns(self.index, self.robot, self.candidates)
+        columns = tuple(column for column in columns if column.target in asked or column.target not in self.candidates)
+        in_pictures = [column for column in columns if column.ending in _OF_PICTURES]
+        self.unused_pixels = tuple(column.name for column in in_pictures) if self.camera is None else ()
+        self.columns = tuple(column for column in columns if column.name not in self.unused_pixels)
         self.refuse_header(line)
         self.choose_instruments()
         self.check_columns()
 
     def refuse_header(self, line: int) -> None:
         """Refuse columns of targets that cannot be taken as they are; where nothing at all is measured, say what comes nearest to it."""
-        spots = any(f"{laser}.{axis}" in self.index for laser in self.laser_candidates() for axis in "yz")
         refused = refusal(self.columns, self.units)
-        if refused is None and not self.columns and not spots and not self.unused_pixels:
+        if refused is None and not self.columns and not self.unused_pixels:
             refused = lost_column(self.index, self.robot)
         if refused is not None:
             raise self.fail(line, *refused)
@@ -201,25 +179,20 @@ class _Reader:
         return [name or cell for cell, name in zip(header, own, strict=True)]
 
     def laser_candidates(self) -> tuple[str, ...]:
-        """Links that are lasers by what was asked for or by their name, and have spots here: y and z without x."""
-        named = self.robot.lasers if self.robot.lasers is not None else lasers_by_name(self.robot.tree)
-        return tuple(laser for laser in named if f"{laser}.x" not in self.index)
+        """Links that are lasers by what was asked for or by their name; one with an x has a point, and no spot."""
+        named = (*(self.robot.lasers or ()), *lasers_by_name(self.robot.tree))
+        return tuple(dict.fromkeys(laser for laser in named if f"{laser}.x" not in self.index))
 
     def choose_instruments(self) -> None:
         """The robot as these measurements see it: with lasers if there are spots, or nothing else; with the targets that are named."""
-        kinds = tuple(dict.fromkeys((column.target, column.kind) for column in self.columns))
-        pixels = {column.target for column in self.columns if column.kind == "pixel"}
-        spots = any(f"{laser}.{axis}" in self.index for laser in self.laser_candidates() for axis in "yz")
-        spots |= any(laser in pixels for laser in self.laser_candidates())
-        if not kinds and not spots and self.unused_pixels:
+        read = dict.fromkeys((column.sensor, column.target, column.link) for column in self.columns if column.sensor)
+        if not read and self.unused_pixels:
             way_out = "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
             raise self.fail(self.header_line, self.unused_pixels[0], way_out)
-        blank = tuple(blank_readings(column, target, kind) for target, kind in kinds for column in self.columns if column.target == target)
-        if kinds:
-            lasers = self.laser_candidates() if spots else ()
-            self.robot = self.robot.seen_by(
-                instruments_of(blank, self.reference, lasers, self.camera, self.boards), self.robot.lasers if spots else ()
-            )
+        seen = instruments_of([blank_readings(*own) for own in read], self.reference, self.camera, self.boards)
+        spots = any(SENSORS[sensor].beam for sensor, _, _ in read)
+        if seen.needed:
+            self.robot = self.robot.seen_by(seen, self.robot.lasers if spots else ())
         self.joints, self.lasers = self.robot.chain.inputs, self.robot.rig.lasers
 
     def check_columns(self) -> None:
@@ -230,7 +203,6 @@ class _Reader:
                     joint.name,
                     f"is missing; expected a column for each joint on the way{did_you_mean(joint.name, self.index)}",
                 )
-        pixels = {column.target for column in self.columns if column.kind == "pixel"}
         known = {
             *self.unused_pixels,
             "set",
@@ -238,21 +210,20 @@ class _Reader:
             "pose",
             "payload",
             *(column.name for column in self.columns),
+            *(f"{laser}.{ending}" for laser in self.lasers for ending in (*SENSORS["spot"].endings, "sigma")),
             *(joint.name for joint in self.robot.tree.joints.values() if not joint.rigid),
         }
         for laser in self.lasers:
-            y, z = f"{laser}.y", f"{laser}.z"
-            known |= {y, z, f"{laser}.sigma"}
-            if (y in self.index) != (z in self.index):
-                raise self.fail(self.header_line, z if y in self.index else y, f"is missing; a spot of {laser} needs {y} and {z}")
-        self.seen_lasers = [laser for laser in self.lasers if f"{laser}.y" in self.index and laser not in pixels]
-        if self.lasers and not self.seen_lasers and not pixels:
+            given = [ending for ending in SENSORS["spot"].endings if f"{laser}.{ending}" in self.index]
+            self.require_whole(SENSORS["spot"], laser, given)
+        self.read_columns = self.chosen_columns()
+        unseen = [laser for laser in self.lasers if not any(target == laser for target, _ in self.read_columns)]
+        if self.lasers and unseen == list(self.lasers):
             raise self.fail(
                 self.header_line, f"{self.lasers[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z"
             )
-        for laser in self.lasers:
-            if laser not in self.seen_lasers and laser not in pixels:
-                self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
+        for laser in unseen:
+            self.warnings.append(f"{self.path}: laser '{laser}' of the robot has no columns; it is taken as never seen")
         for name in self.index:
             if name not in known:
                 unused = sorted(known - set(self.index))
@@ -270,25 +241,17 @@ class _Reader:
     def build(self, lines: list[int], columns: dict[str, list[str]]) -> Measurements:
         n = len(lines)
         q = np.column_stack([self.joint_column(joint, lines, columns[joint.name]) for joint in self.joints])
-        spots, sigma = np.full((n, len(self.lasers), 2), np.nan), np.full((n, len(self.lasers)), np.nan)
-        for index, laser in enumerate(self.lasers):
-            if laser in self.seen_lasers:
-                spots[:, index] = self.spot_columns(laser, lines, columns)
-            if f"{laser}.sigma" in columns:
-                sigma[:, index] = self.sigma_column(f"{laser}.sigma", lines, columns[f"{laser}.sigma"])
         readings = tuple(self.readings(lines, columns))
-        if np.isnan(spots).all() and not any(each.seen.any() for each in readings):
-            first = f"{self.seen_lasers[0]}.y" if self.seen_lasers else self.columns[0].name
-            what = "spot" if self.seen_lasers else "reading"
-            raise self.fail(lines[0], first, f"every {what} is empty; expected at least one that was seen")
+        if not any(each.seen.any() for each in readings):
+            first = next(iter(next(iter(self.read_columns.values())).values()))
+            what = "spot" if first.kind.beam else "reading"
+            raise self.fail(lines[0], first.name, f"every {what} is empty; expected at least one that was seen")
         numbers = [str(number) for number in range(1, n + 1)]
         poses = [label or number for label, number in zip(columns.get("pose", numbers), numbers, strict=True)]
         return Measurements(
             joints=tuple(joint.name for joint in self.joints),
-            lasers=self.lasers,
             q=q,
-            spots=spots,
-            sigma=sigma,
+            readings=readings,
             poses=np.array(poses, dtype=str),
             sets=np.array(self.set_column(lines, columns.get("set", [])) or ["fit"] * n, dtype=str),
             sessions=np.array(columns.get("session", [""] * n), dtype=str),
@@ -296,7 +259,6 @@ class _Reader:
             sha256=self.sha256,
             lines=np.array(lines),
             warnings=tuple(self.warnings),
-            readings=readings,
             reference=self.reference,
             camera=self.camera,
             boards=self.boards,
@@ -314,82 +276,65 @@ class _Reader:
             raise self.fail(lines[row], "payload", f"'{cells[row]}' is below zero; expected a mass in kg, or nothing")
         return kilograms
 
+    def chosen_columns(self) -> dict[tuple[str, str], dict[str, ReadingColumn]]:
+        """The columns of readings by target and sensor, then by ending: those of lasers first, in their order; pixels before metres.
+
+        Raises:
+            MeasurementError: a column is missing beside others.
+        """
+        groups: dict[tuple[str, str], dict[str, ReadingColumn]] = {}
+        for column in (column for column in self.columns if column.sensor):
+            groups.setdefault((column.target, column.sensor), {})[column.ending] = column
+        for (target, sensor), own in groups.items():
+            self.require_whole(SENSORS[sensor], target, own)
+        spots = {(laser, sensor): groups.pop((laser, sensor)) for laser in self.lasers for sensor in _SPOTS if (laser, sensor) in groups}
+        in_pixels = {target for target, sensor in spots if sensor != "spot"}
+        return {key: own for key, own in spots.items() if key[1] != "spot" or key[0] not in in_pixels} | groups
+
+    def require_whole(self, how: Sensor, target: str, given: Collection[str]) -> None:
+        """Refuse a header that has some of a target's columns and lacks others.
+
+        Raises:
+            MeasurementError: naming the first that is missing.
+        """
+        lacking = how.lacking(target, given) if given else None
+        if lacking is not None:
+            raise self.fail(self.header_line, f"{target}.{lacking[0]}", lacking[1])
+
     def readings(self, lines: list[int], columns: dict[str, list[str]]) -> Iterator[Readings]:
-        """What instruments beside lasers read."""
-        by_target: dict[tuple[str, str], dict[str, TargetColumn]] = {}
-        for column in self.columns:
-            if not column.kind.startswith("sigma"):
-                by_target.setdefault((column.target, column.kind), {})[column.what] = column
-        for (target, kind), own in by_target.items():
-            self.require_whole(kind, own)
-            wanted = "sigma_px" if kind == "pixel" else "sigma"
-            stated = next((column.name for column in self.columns if (column.target, column.kind) == (target, wanted)), None)
-            n, link = len(lines), next(iter(own.values())).link
-            sigma = np.full(n, np.nan)
-            if stated is not None and kind != "orientation":
-                units = _LENGTHS if kind != "pixel" else {"": 1.0, "px": 1.0}
-                sigma = self.sigma_column(stated, lines, columns[stated], units)
-            if kind in ("plane", "socket"):
-                labels = np.array(columns[own[kind].name], dtype=str)
-                yield Readings(kind, target, link, np.empty((n, 0)), labels, sigma)
-                continue
-            numbers = {what: self.target_numbers(column, lines, columns[column.name]) for what, column in own.items()}
-            values = self.stored(kind, numbers, own, lines)
-            yield Readings(kind, target, link, values, np.full(n, ""), sigma)
+        """What was read; of lasers that have no columns, nothing."""
+        read = {key[0]: key for key in self.read_columns if SENSORS[key[1]].beam}
+        for laser in self.lasers:
+            if laser in read:
+                yield self.reading(*read[laser], lines, columns)
+            else:
+                yield blank_readings("spot", laser, laser, len(lines))
+        for target, sensor in self.read_columns:
+            if not SENSORS[sensor].beam:
+                yield self.reading(target, sensor, lines, columns)
 
-    def target_numbers(self, column: TargetColumn, lines: list[int], cells: list[str]) -> Any:
-        allowed = _LENGTHS if column.what in LENGTH_WORDS else _ANGLES if column.what in ANGLE_WORDS else {"": 1.0, "px": 1.0}
-        factor = self.unit(column.name, allowed)
-        return self.numbers(column.name, lines, cells, factor, "leave the cell empty if it was not read", empty=True)
+    def reading(self, target: str, sensor: str, lines: list[int], columns: dict[str, list[str]]) -> Readings:
+        """What one sensor read of one target."""
+        own, how, n = self.read_columns[target, sensor], SENSORS[sensor], len(lines)
+        link, labels, values = next(iter(own.values())).link, np.full(n, ""), np.empty((n, 0))
+        if how.touches:
+            labels = np.array(columns[next(iter(own.values())).name], dtype=str)
+        else:
+            numbers = {ending: self.column_numbers(column, how, lines, columns[column.name]) for ending, column in own.items()}
+            try:
+                values = how.kept({ending: numbers[ending] for ending in how.endings if ending in numbers})
+            except CellFault as fault:
+                raise self.fail(lines[fault.row], own[fault.ending].name, fault.message) from None
+        stated = f"{target}.{how.sigma_ending}"
+        units = QUANTITIES["pixel" if how.words.unit == "px" else "length"]
+        sigma = self.sigma_column(stated, lines, columns[stated], units) if how.sigma_ending and stated in columns else np.full(n, np.nan)
+        return Readings(sensor, target, link, values, labels, sigma)
 
-    def require_whole(self, kind: str, own: dict[str, TargetColumn]) -> None:
-        for words in (QUATERNION, ROLL_PITCH_YAW):
-            if kind == "orientation" and (missing := [word for word in words if word not in own]) and len(missing) < len(words):
-                name = next(iter(own.values())).target
-                raise self.fail(self.header_line, f"{name}.{missing[0]}", f"is missing; an orientation needs {', '.join(words)}")
+    def column_numbers(self, column: ReadingColumn, how: Sensor, lines: list[int], cells: list[str]) -> Any:
+        factor = self.unit(column.name, QUANTITIES[how.endings[column.ending]])
+        return self.numbers(column.name, lines, cells, factor, how.empty, empty=True)
 
-    def stored(self, kind: str, numbers: dict[str, Any], own: dict[str, TargetColumn], lines: list[int]) -> Any:
-        """Columns as readings keep them; an orientation as a unit quaternion."""
-        if kind == "point":
-            return np.column_stack([numbers.get(axis, np.full(len(lines), np.nan)) for axis in "xyz"])
-        if kind == "distance":
-            below = numbers["distance"] < 0
-            if below.any():
-                found = f"{numbers['distance'][below][0]:g} m is below zero; expected a distance, or nothing"
-                raise self.fail(lines[int(np.argmax(below))], own["distance"].name, found)
-            return numbers["distance"][:, None]
-        if kind == "pixel":
-            return self.pixel_pair(numbers, own, lines)
-        words = QUATERNION if QUATERNION[0] in numbers else ROLL_PITCH_YAW
-        table = np.column_stack([numbers[word] for word in words])
-        partly = np.isnan(table).any(axis=1) & ~np.isnan(table).all(axis=1)
-        if partly.any():
-            row = int(np.argmax(partly))
-            name = own[words[int(np.argmax(np.isnan(table[row])))]].name
-            raise self.fail(lines[row], name, "the cell is empty and others of this orientation are not; leave all of them empty, or none")
-        if words == ROLL_PITCH_YAW:
-            return quaternions_of(table)
-        length = np.linalg.norm(table, axis=1)
-        wrong = np.abs(length - 1) > _UNIT_WITHIN
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            found = f"the quaternion has length {length[row]:.4g}, expected 1 (x, y, z, w)"
-            raise self.fail(lines[row], own[words[0]].name, found)
-        return table / length[:, None]
-
-    def pixel_pair(self, numbers: dict[str, Any], own: dict[str, TargetColumn], lines: list[int]) -> Any:
-        for word in "uv":
-            if word not in numbers:
-                name = next(iter(own.values())).target
-                raise self.fail(self.header_line, f"{name}.{word}", "is missing; a spot or target in a picture needs .u and .v")
-        lone = np.isnan(numbers["u"]) != np.isnan(numbers["v"])
-        if lone.any():
-            row = int(np.argmax(lone))
-            word = "u" if np.isnan(numbers["u"][row]) else "v"
-            raise self.fail(lines[row], own[word].name, "the cell is empty and its other one is not; leave both empty if it was not seen")
-        return np.column_stack([numbers["u"], numbers["v"]])
-
-    def unit(self, name: str, allowed: dict[str, float]) -> float:
+    def unit(self, name: str, allowed: Mapping[str, float]) -> float:
         unit = self.units.get(name, next(iter(allowed)))
         if unit not in allowed:
             raise self.fail(self.header_line, name, f"unit '{unit}' is not understood, expected {' or '.join(allowed)}")
@@ -412,7 +357,7 @@ class _Reader:
         return values * factor
 
     def joint_column(self, joint: UrdfJoint, lines: list[int], cells: list[str]) -> Any:
-        allowed = _LENGTHS if joint.prismatic else _ANGLES
+        allowed = QUANTITIES["length" if joint.prismatic else "angle"]
         factor = self.unit(joint.name, allowed)
         values = self.numbers(
             joint.name, lines, cells, factor, f"expected the joint's position in {next(iter(allowed))} (or say [deg], [mm] in the header)"
@@ -436,20 +381,7 @@ class _Reader:
         many = f"{outside.sum()} of {len(values)} cells lie" if outside.sum() > 1 else "a cell lies"
         self.warnings.append(f"{self.path}:{first}: column '{joint.name}': {many} outside the joint's limits {limits}")
 
-    def spot_columns(self, laser: str, lines: list[int], columns: dict[str, list[str]]) -> Any:
-        way_out = "leave both cells of a beam empty if it was not seen"
-        pair = []
-        for axis in "yz":
-            name = f"{laser}.{axis}"
-            pair.append(self.numbers(name, lines, columns[name], self.unit(name, _LENGTHS), way_out, empty=True))
-        lone = np.isnan(pair[0]) != np.isnan(pair[1])
-        if lone.any():
-            row = int(np.argmax(lone))
-            axis = "y" if np.isnan(pair[0][row]) else "z"
-            raise self.fail(lines[row], f"{laser}.{axis}", f"the cell is empty and the beam's other one is not; {way_out}")
-        return np.column_stack(pair)
-
-    def sigma_column(self, name: str, lines: list[int], cells: list[str], units: dict[str, float] = _LENGTHS) -> Any:
+    def sigma_column(self, name: str, lines: list[int], cells: list[str], units: Mapping[str, float]) -> Any:
         values = self.numbers(name, lines, cells, self.unit(name, units), "expected a standard deviation, or nothing", empty=True)
         wrong = values < _LEAST_SIGMA
         if wrong.any():

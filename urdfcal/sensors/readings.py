@@ -1,4 +1,4 @@
-"""What instruments beside lasers read, pose by pose: points, orientations, lengths, and touches of places that several poses share."""
+"""What one sensor read of one target, pose by pose, and what the robot needs to be seen so: targets, measuring frame, shared places."""
 
 from __future__ import annotations
 
@@ -9,65 +9,77 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
-from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.base.geometry import DEG, MM, Labels, Mask, Matrix, Vector
 from urdfcal.robot.rig import Grid, Instruments, Place, Target
+from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.sensor import Sensor
 
-STORED: dict[str, int] = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0, "pixel": 2}
 LENGTH_SIGMA = 0.02 * MM  # of a known length whose accuracy is not stated
 LEAST_CAMERA = np.repeat([0.1 * MM, 1e-4], 3)  # [m] and [rad]
 USUAL_CAMERA = np.repeat([5 * MM, 0.5 * DEG], 3)
-SEEN_FROM_FRAME = ("point", "orientation", "pixel")  # what is read in the axes of a measuring frame
 
 
 @dataclass(frozen=True)
 class Readings:
-    """What one instrument read of one target; SI units.
+    """What one sensor read of one target; SI units.
 
     Attributes:
-        kind: What is read.
+        sensor: Name of the sensor, a key of `registry.SENSORS`.
         target: The target's name: its link, with `:<label>` behind it where there are several.
         link: The link that it is fixed to.
-        values: (n, k), nan where nothing was read: a point's x, y, z [m]; an orientation's unit quaternion x, y, z, w; a distance [m];
-            nothing (k = 0) of touches.
-        labels: Which plane or socket was touched, (n,); the empty string for none, and for other kinds.
+        values: (n, stored), nan where nothing was read: a spot's y, z [m]; a point's x, y, z [m]; an orientation's unit quaternion
+            x, y, z, w; a distance [m]; nothing (0 columns) of touches.
+        labels: Which plane or socket was touched, (n,); the empty string for none, and for other sensors.
         sigma: Standard deviation stated with each reading, (n,), nan for none.
     """
 
-    kind: str
+    sensor: str
     target: str
     link: str
     values: Matrix
-    labels: npt.NDArray[np.str_]
+    labels: Labels
     sigma: Vector
 
     def __post_init__(self) -> None:
         n = len(self.labels)
-        if self.values.shape != (n, STORED[self.kind]) or self.sigma.shape != (n,):
-            raise ShapeMismatch(f"readings of {self.target}: values have shape {self.values.shape}, expected ({n}, {STORED[self.kind]})")
-        if np.isinf(self.values).any() or (self.sigma <= 0).any():
+        if self.values.shape != (n, self.kind.stored) or self.sigma.shape != (n,):
+            raise ShapeMismatch(f"readings of {self.target}: values have shape {self.values.shape}, expected ({n}, {self.kind.stored})")
+        if np.isinf(self.values).any() or np.isinf(self.sigma).any() or (self.sigma <= 0).any():
             raise ShapeMismatch(f"readings of {self.target} must be finite, and stated standard deviations above zero")
 
     @property
-    def seen(self) -> npt.NDArray[np.bool_]:
+    def kind(self) -> Sensor:
+        """How they are read."""
+        return SENSORS[self.sensor]
+
+    @property
+    def noise(self) -> str:
+        """Whose noise they have."""
+        return self.kind.noise
+
+    @cached_property
+    def seen(self) -> Mask:
         """At which poses there is a reading, (n,)."""
-        touched: npt.NDArray[np.bool_] = np.asarray(self.labels != "", dtype=bool)
-        return touched if self.kind in ("plane", "socket") else ~np.asarray(np.isnan(self.values).all(axis=1), dtype=bool)
+        return self.kind.seen(self.values, self.labels)
+
+    @cached_property
+    def measured(self) -> Mask:
+        """Which numbers of the residual were read, (n, k)."""
+        return self.kind.measured(self.values, self.labels)
 
     @property
     def numbers(self) -> int:
         """How many numbers were read; an orientation counts as three, and so does the touch of a socket."""
-        each = {"orientation": 3, "plane": 1, "socket": 3}.get(self.kind)
-        return int(np.count_nonzero(~np.isnan(self.values))) if each is None else each * int(self.seen.sum())
+        return int(np.count_nonzero(self.measured))
 
-    def subset(self, rows: npt.ArrayLike) -> Readings:
+    def subset(self, rows: Any) -> Readings:
         """Those of some poses."""
         index = np.asarray(rows)
         return replace(self, values=self.values[index], labels=self.labels[index], sigma=self.sigma[index])
 
-    def without(self, poses: npt.NDArray[np.bool_]) -> Readings:
+    def without(self, poses: Mask) -> Readings:
         """The same as if nothing had been read at some poses, (n,)."""
         if not poses.any():
             return self
@@ -75,17 +87,18 @@ class Readings:
 
     @cached_property
     def places(self) -> tuple[Place, ...]:
-        """What this instrument has in common over poses."""
-        if self.kind == "distance":
-            return (Place(f"{self.target}:wire", ("x", "y", "z"), ("m", "m", "m")),)
-        if self.kind == "plane":
-            return tuple(Place(f"plane:{label}", ("tilt_1", "tilt_2", "offset"), ("rad", "rad", "m")) for label in self.touched)
-        return tuple(Place(f"socket:{label}", ("x", "y", "z"), ("m", "m", "m")) for label in self.touched if self.kind == "socket")
+        """What they have in common over poses and nothing is known of beforehand."""
+        return tuple(place for place in self.kind.places(self.target, self.touched) if place.kind == "place")
 
     @cached_property
     def touched(self) -> tuple[str, ...]:
         """The labels in order of their first pose."""
         return tuple(dict.fromkeys(str(label) for label in self.labels if label))
+
+
+def blank_readings(sensor: str, target: str, link: str, poses: int = 0) -> Readings:
+    """Readings of a sensor that saw nothing at all."""
+    return Readings(sensor, target, link, np.full((poses, SENSORS[sensor].stored), np.nan), np.full(poses, ""), np.full(poses, np.nan))
 
 
 @dataclass(frozen=True)
@@ -99,28 +112,26 @@ class KnownLength:
 
 
 def instruments_of(
-    readings: Sequence[Readings], reference: str, lasers: Sequence[str] = (), camera: Any = None, boards: Mapping[str, Grid] | None = None
+    readings: Sequence[Readings], reference: str, camera: Any = None, boards: Mapping[str, Grid] | None = None
 ) -> Instruments:
-    """Targets, measuring frame and places that some readings need.
+    """Targets, measuring frame and places that some readings need; spots on the screen need none of them.
 
     Args:
         readings: What was read.
         reference: Link that the measuring frame stands on.
-        lasers: Links whose pixels are those of spots on the screen, and no targets.
         camera: What pixels were read with.
         boards: Links that are boards, whose targets are labelled by the numbers of corners.
 
     Raises:
         UsageError: a board has no such corner.
     """
-    others = [each for each in readings if not (each.kind == "pixel" and each.link in lasers)]
-    whole = {each.target for each in others if each.kind == "orientation"}
-    targets = {each.target: _target(each, each.target in whole, (boards or {}).get(each.link)) for each in others}
-    places = {place.name: place for each in others for place in each.places}
-    placed = any(each.kind in SEEN_FROM_FRAME for each in others)
-    return Instruments(
-        tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if len(others) < len(readings) else ()
-    )
+    beside = [each for each in readings if not each.kind.beam]
+    whole = {each.target for each in beside if each.sensor == "orientation"}
+    targets = {each.target: _target(each, each.target in whole, (boards or {}).get(each.link)) for each in beside}
+    places = {place.name: place for each in beside for place in each.places}
+    placed = any(each.kind.seen_from == "frame" for each in beside)
+    before_screen = any(place.kind == "camera" for each in readings for place in each.kind.places(each.target, each.touched))
+    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if before_screen else ())
 
 
 def _target(readings: Readings, whole: bool, board: Grid | None) -> Target:
@@ -151,7 +162,7 @@ def known_lengths(stated: Iterable[tuple[str, float]], readings: Sequence[Readin
     Raises:
         UsageError: a pattern is none, or means no two sockets.
     """
-    labels = dict.fromkeys(label for each in readings if each.kind == "socket" for label in each.touched)
+    labels = dict.fromkeys(label for each in readings if each.sensor == "socket" for label in each.touched)
     found = []
     for pattern, length in stated:
         one, dash, other = (part.strip() for part in pattern.partition(" - "))

@@ -1,21 +1,40 @@
-"""What kinds of readings there are: how each is called, in which unit people read it, and how noisy it is before anything is known."""
+"""What a sensor is: one kind of measurement, with its Jac2, its words and its columns; `registry.py` lists them.
+
+A sensor knows nothing of joints. It sees a target's origin p and axes R in a measuring frame, and gives the residual m - h and the
+derivative of h by the target's twist [v, w] in that frame's axes, taken at that frame's origin: the point p then moves by v + w x p.
+Numbers of a place that several poses share (a socket's point, a plane, the end of a wire) are parameters of the sensor's own.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Literal
 
-from urdfcal.base.geometry import DEG, MM, Array3, Matrix
+import numpy as np
 
+from urdfcal.base.geometry import DEG, MM, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.rotations import skew
+from urdfcal.robot.rig import Place
+
+Quantity = Literal["length", "angle", "pixel", "ratio", "label"]
+QUANTITIES: Mapping[Quantity, Mapping[str, float]] = {
+    "length": {"m": 1.0, "mm": MM},
+    "angle": {"rad": 1.0, "deg": DEG},
+    "pixel": {"": 1.0, "px": 1.0},
+    "ratio": {"": 1.0},
+    "label": {},
+}  # units that a header may state, the default first
+Draw = Callable[[tuple[int, ...]], Matrix]
 UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
 
 
 @dataclass(frozen=True)
-class ReadingKind:
-    """One kind of reading.
+class Words:
+    """How a kind of noise, and what has it, is called and told.
 
     Attributes:
-        one, several: What it is called.
+        one, several: What a reading is called.
         noise: What its noise is called.
         unit: In which people read it: a key of UNITS.
         start_sigma: Standard deviation of a number of it before any is known, in that unit.
@@ -39,25 +58,12 @@ class ReadingKind:
         return f"{sigma / self.size:.3g} {self.unit}"
 
 
-KINDS = {
-    "spot": ReadingKind("spot", "spots", "spot noise", "mm", 1.0, float("inf")),  # the screen may be far away
-    "point": ReadingKind("point", "points", "point noise", "mm", 0.5, 20.0),
-    "orientation": ReadingKind("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0),
-    "distance": ReadingKind("distance", "distances", "distance noise", "mm", 0.5, 20.0),
-    "plane": ReadingKind("touch of a plane", "touches of planes", "noise across planes", "mm", 0.5, 10.0),
-    "socket": ReadingKind("touch of a socket", "touches of sockets", "socket noise", "mm", 0.5, 10.0),
-    "pixel": ReadingKind("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0),
-}
+class CellFault(Exception):
+    """Cells that mean nothing together: in which row, of which ending, and what was found and expected."""
 
-
-def start_sigma_of(kind: str) -> float:
-    """Noise of a kind before any is known, [m], [rad] or [px]."""
-    return KINDS[kind].start_sigma * KINDS[kind].size
-
-
-def noun(kind: str, count: int = 2) -> str:
-    """What one reading of a kind is called, or several."""
-    return KINDS[kind].one if count == 1 else KINDS[kind].several
+    def __init__(self, row: int, ending: str, message: str) -> None:
+        super().__init__(message)
+        self.row, self.ending, self.message = row, ending, message
 
 
 @dataclass(frozen=True)
@@ -84,26 +90,108 @@ class Look:
     Attributes:
         residual: m - h, (n, k).
         jac2: Derivative of h by the target's twist, (n, k, 6).
-        by_place: Derivative of h by the place's numbers, (n, k, a).
+        by_place: Derivative of h by the place's numbers, (n, k, a); None where there are none.
+        lost: Where the target is out of the sensor's reach, so that there is no h, (n,); None where that cannot be.
     """
 
     residual: Matrix
     jac2: Array3
-    by_place: Array3
+    by_place: Array3 | None = None
+    lost: Mask | None = None
 
 
-class TargetSensor(Protocol):
-    """What is read of a target: a new kind of measurement is one more of these.
+class Sensor:
+    """One kind of measurement.
 
     Attributes:
-        numbers: How many numbers a reading has, k.
-        unit: In which tables give its errors.
+        name: What readings of it are filed under.
+        noise: Whose noise it shares: several sensors may have the same.
+        words: How that noise is told.
         title: What tables call it behind the target's name.
+        stored: How many numbers a reading is kept as; none for a touch, which is a label.
+        numbers: How many numbers its residual has, k.
+        touches: Whether a reading is the touch of a labelled place.
+        seen_from: The frame that p and R are in: the `screen`, a measuring frame that is placed itself (`frame`), or that of the
+            places that are touched (`places`), which needs no placement.
+        beam: Whether the target is a laser: it leaves its frame's origin along +z.
+        endings: Endings of its columns behind the target's name, with what they are.
+        sigma_ending: Of the column that states the noise of each reading; the empty string for none.
+        empty: What to do with the cells of a reading that was not made.
+        blank: Something harmless to compute with where nothing was read, (stored,).
     """
 
+    name: ClassVar[str]
+    noise: ClassVar[str]
+    words: ClassVar[Words]
+    title: ClassVar[str] = ""
+    stored: ClassVar[int]
     numbers: ClassVar[int]
-    unit: ClassVar[str]
-    title: ClassVar[str]
+    touches: ClassVar[bool] = False
+    seen_from: ClassVar[Literal["screen", "frame", "places"]] = "frame"
+    beam: ClassVar[bool] = False
+    endings: ClassVar[Mapping[str, Quantity]]
+    sigma_ending: ClassVar[str] = "sigma"
+    empty: ClassVar[str] = "leave the cell empty if it was not read"
+    blank: ClassVar[Sequence[float]] = (0.0,)
 
     def look(self, view: View, values: Matrix) -> Look:
         """Residual and derivatives at one state."""
+        raise NotImplementedError
+
+    def read(self, view: View) -> Matrix:
+        """What it reads without noise, as readings keep it, (n, stored)."""
+        raise NotImplementedError
+
+    def disturbed(self, values: Matrix, draw: Draw) -> Matrix:
+        """What it reads with noise, (n, stored); `draw` gives noise of a shape, each number with the sensor's standard deviation."""
+        return values + draw(values.shape) if self.stored else values
+
+    def with_camera(self, camera: Any) -> Sensor:
+        """The same sensor with the camera that it reads by, if it reads by one."""
+        return self
+
+    def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
+        """The ending that a header lacks beside those that it has, and why it is needed; None if it lacks none."""
+        return None
+
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """Numbers by ending as readings keep them, (n, stored).
+
+        Raises:
+            CellFault: some of them mean nothing together.
+        """
+        return np.column_stack([columns[ending] for ending in self.endings])
+
+    def written(self, values: Matrix) -> dict[str, Vector]:
+        """Readings as numbers by ending."""
+        return dict(zip(self.endings, values.T, strict=True))
+
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """What its readings of a target have in common over poses, one for every label that was touched."""
+        return ()
+
+    def seen(self, values: Matrix, labels: Labels) -> Mask:
+        """At which poses there is a reading, (n,)."""
+        return np.asarray(labels != "", dtype=bool) if self.touches else ~np.asarray(np.isnan(values).all(axis=1), dtype=bool)
+
+    def measured(self, values: Matrix, labels: Labels) -> Mask:
+        """Which numbers of the residual were read, (n, k)."""
+        return np.repeat(self.seen(values, labels)[:, None], self.numbers, axis=1)
+
+
+def point_jacobian(p: Matrix) -> Array3:
+    """Motion of points per twist at the origin, [I, -[p]x], (n, 3, 6)."""
+    return np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -skew(p)], axis=2)
+
+
+def require_pair(columns: Mapping[str, Vector], message: str) -> None:
+    """Refuse a reading of two numbers of which one was left out.
+
+    Raises:
+        CellFault: the first such row.
+    """
+    (one, first), (other, second) = columns.items()
+    lone = np.isnan(first) != np.isnan(second)
+    if lone.any():
+        row = int(np.argmax(lone))
+        raise CellFault(row, one if np.isnan(first[row]) else other, message)

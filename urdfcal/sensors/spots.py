@@ -1,10 +1,7 @@
-"""What is measured, and Jac2: how a measurement moves with the twist of the body that carries its target.
+"""Laser spots on a screen: equations (7), (8) and (11), in metres on the screen or as the pixels of a camera that looks at it.
 
 A laser leaves its source p along z and meets the screen x = 0 at distance k = -p_x / z_x (8); the spot is the (y, z) of p + k z (7).
-
-Laser spots as a camera's picture has them: pixels in place of metres on the screen.
-
-The spot s = (0, y, z) of the screen frame is seen at
+In a picture the spot s = (0, y, z) of the screen frame is seen at
 
     u = project(T_camera_screen E_1 ... E_6 s)
 
@@ -15,24 +12,22 @@ covariance for a prior, so that a slightly wrong screen calibration does not bec
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 import pinocchio as pin
 
 from urdfcal.base.geometry import SE3, Array3, Array4, Mask, Matrix, Vector, six_screws
-from urdfcal.estimation.residual import Block
-from urdfcal.model.error_model import ErrorModel, Placements
-from urdfcal.model.jacobian import LaserMotion
-from urdfcal.model.slots import SIX
-from urdfcal.sensors.readings import Readings
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
+from urdfcal.robot.chain import Chain
+from urdfcal.robot.rig import SIX, Place
+from urdfcal.sensors.pixels import PixelSensor
+from urdfcal.sensors.sensor import Look, Quantity, Sensor, View, Words, require_pair
 
 LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
-
-Rows = slice | npt.NDArray[np.intp]
 
 
 def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
@@ -51,7 +46,7 @@ def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
         return source[..., 1:] + length[..., None] * direction[..., 1:], length
 
 
-def makes_spot(length: Matrix, direction: Array3, nearest: float = 0.0, farthest: float = np.inf) -> npt.NDArray[np.bool_]:
+def makes_spot(length: Matrix, direction: Array3, nearest: float = 0.0, farthest: float = np.inf) -> Mask:
     """Which beams make a spot that can be measured: they meet the screen, at no grazing angle, within a range of lengths.
 
     Args:
@@ -93,81 +88,131 @@ def spot_jacobian(spots: Array3, direction: Array3) -> Array4:
     return jac2
 
 
-class ScreenCamera(Protocol):
-    """A camera that looks at the screen: see `vision.camera_model.Camera`."""
-
-    T_camera_screen: SE3 | None
-
-    def project(self, points: Matrix) -> Matrix:
-        """Pixels (n, 2) of points (n, 3) in camera axes."""
-
-    def project_jacobian(self, points: Matrix) -> Array3:
-        """Their derivative by the points, (n, 2, 3)."""
-
-
 @dataclass(frozen=True)
-class PixelSpots:
-    """The pixels of one laser's spots, put to the robot.
+class Beams:
+    """Where the beams of a robot's lasers are at some poses.
 
     Attributes:
-        data: What was read.
-        laser: Index of the laser.
-        camera: What it was read with.
-        errors: The error model.
-        first: Index of its first number among those of a pose.
+        source: Where they leave, (n, lasers, 3) in screen axes, [m].
+        direction: (n, lasers, 3) unit vectors in screen axes.
+        spots: Where they meet the plane of the screen, (n, lasers, 2) = (y, z), [m].
+        length: How far that is, (n, lasers), [m]; negative behind the laser, infinite or nan where beam and screen are parallel.
     """
 
-    data: Readings
-    laser: int
-    camera: ScreenCamera
-    errors: ErrorModel
-    first: int
+    source: Array3
+    direction: Array3
+    spots: Array3
+    length: Matrix
 
     @property
-    def columns(self) -> slice:
-        """Its numbers among those of a pose."""
-        return slice(self.first, self.first + 2)
+    def meets(self) -> Mask:
+        """Which of them meet the screen at all, (n, lasers)."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray((self.length > 0) & np.isfinite(self.length))
 
-    def block(self, kind: int) -> Block:
-        """What tables and gates take it for."""
-        return Block(f"{self.data.target} pixels", self.columns, kind, "px")
+    def makes_spot(self, nearest: float = 0.0, farthest: float = np.inf) -> Mask:
+        """Which of them make a spot that can be measured, within a range of lengths [m], (n, lasers): see `makes_spot`."""
+        return makes_spot(self.length, self.direction, nearest, farthest)
 
-    @cached_property
-    def measured(self) -> Mask:
-        """Which numbers were read, (n, 2)."""
-        return np.repeat(self.data.seen[:, None], 2, axis=1)
 
-    def look(self, motion: LaserMotion, placed: Placements, rows: Rows, x: Vector) -> tuple[Matrix, Array3, Array3]:
-        """Residual (n, 2), Jacobian (n, 2, p) and joint Jacobian (n, 2, inputs) of some poses at x."""
-        source, direction = motion.source[:, self.laser], motion.direction[:, self.laser]
-        spots, _ = spots_on_screen(source[:, None], direction[:, None])
+def beams_of(source: Array3, direction: Array3) -> Beams:
+    """Beams from their sources along their directions, both (n, lasers, 3) in screen axes."""
+    spots, length = spots_on_screen(source, direction)
+    return Beams(source, direction, spots, length)
+
+
+def beams_in(chain: Chain, motion: ArmMotion) -> Beams:
+    """The beams of all lasers of a chain that stands on the screen."""
+    lasers = motion.frames[chain.laser_frames]
+    return beams_of(lasers[..., 3].transpose(1, 0, 2), lasers[..., 2].transpose(1, 0, 2))
+
+
+def beams_at(errors: ErrorModel, x: Vector, q: Matrix, session: str | None = None) -> Beams:
+    """The beams of a robot with errors x at measured joint positions q (n, inputs), in the first session unless another is named."""
+    arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
+    placed = errors.placements(errors.check(x), errors.sessions[0] if session is None else session).still()
+    return beams_in(errors.chain, motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(x, q)))
+
+
+def _beams_seen(view: View) -> tuple[Matrix, Mask, Matrix]:
+    """Spots (n, 2) of the beams of one laser, [m], which of them there are not, (n,), and the beams' directions, (n, 3)."""
+    beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
+    return beams.spots[:, 0], ~beams.meets[:, 0], beams.direction[:, 0]
+
+
+class SpotSensor(Sensor):
+    """A laser's spot in metres on the screen, h = (y, z)."""
+
+    name = noise = "spot"
+    words = Words("spot", "spots", "spot noise", "mm", 1.0, float("inf"))  # the screen may be far away
+    stored = numbers = 2
+    seen_from = "screen"
+    beam = True
+    endings: ClassVar[Mapping[str, Quantity]] = {"y": "length", "z": "length"}
+    empty = "leave both cells of a beam empty if it was not seen"
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the base class."""
+        spots, lost, direction = _beams_seen(view)
+        return Look(values - spots, spot_jacobian(spots[:, None], direction[:, None])[:, 0], lost=lost)
+
+    def read(self, view: View) -> Matrix:
+        """See the base class; also of beams that leave the screen behind them."""
+        return _beams_seen(view)[0]
+
+    def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
+        """See the base class."""
+        missing = [ending for ending in self.endings if ending not in given]
+        return (missing[0], f"is missing; a spot of {target} needs {target}.y and {target}.z") if missing else None
+
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """See the base class."""
+        require_pair(columns, f"the cell is empty and the beam's other one is not; {self.empty}")
+        return super().kept(columns)
+
+
+class SpotPixelSensor(PixelSensor):
+    """A laser's spot as a camera that looks at the screen has it, h = u; the screen's place before the camera is shared by all poses."""
+
+    name = "spot_pixel"
+    seen_from = "screen"
+    beam = True
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the base class."""
+        spots, lost, direction = _beams_seen(view)
         spots = np.where(np.isfinite(spots), spots, 0.0)
-        T_camera_pose, columns, twists = screen_before(self.camera.T_camera_screen, self.errors, x)
-        on_screen = np.concatenate([np.zeros((len(spots), 1)), spots[:, 0]], axis=1)
-        points = on_screen @ T_camera_pose.rotation.T + T_camera_pose.translation
+        T_camera_screen, twists = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        points = _in_camera(T_camera_screen, spots)
         by_point = self.camera.project_jacobian(points)
-        by_spot = by_point @ T_camera_pose.rotation[:, 1:]
-        jac2 = by_spot @ spot_jacobian(spots, direction[:, None])[:, 0]
-        measured = self.measured[rows]
-        jac2 = np.where(measured[..., None], jac2, 0.0)
-        jacobian = jac2 @ (motion.jac1 * self.errors.moves_laser[self.laser])
+        jac2 = by_point @ T_camera_screen.rotation[:, 1:] @ spot_jacobian(spots[:, None], direction[:, None])[:, 0]
         v, w = twists[:3], twists[3:]
-        moved = v.T[None] + np.cross(w.T[None], points[:, None])  # (n, k, 3) in camera axes
-        jacobian[:, :, columns] += np.where(measured[..., None], by_point @ moved.transpose(0, 2, 1), 0.0)
-        residual = np.where(measured, self.data.values[rows] - self.camera.project(points), 0.0)
-        return residual, jacobian, jac2 @ motion.joint_jacobian
+        moved = v.T[None] + np.cross(w.T[None], points[:, None])  # (n, 6, 3) in camera axes
+        return Look(values - self.camera.project(points), jac2, by_point @ moved.transpose(0, 2, 1), lost)
+
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        pixels: Matrix = self.camera.project(_in_camera(T_camera_screen, _beams_seen(view)[0]))
+        return pixels
+
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """The errors of the screen's place before the camera, of all lasers alike."""
+        return (Place("camera", SIX, ("m",) * 3 + ("rad",) * 3, "camera"),)
 
 
-def screen_before(T_camera_screen: SE3, errors: ErrorModel, x: Vector) -> tuple[SE3, list[int], Matrix]:
-    """T_camera_screen with the camera's errors at x, and their twists in camera axes at the camera, (6, k), by column of x."""
-    column = {name: index for index, name in enumerate(errors.names)}
+def _in_camera(T_camera_screen: SE3, spots: Matrix) -> Matrix:
+    """Spots (n, 2) on the screen as points in camera axes, (n, 3)."""
+    on_screen = np.concatenate([np.zeros((len(spots), 1)), spots], axis=1)
+    return np.asarray(on_screen @ T_camera_screen.rotation.T + T_camera_screen.translation)
+
+
+def screen_before(T_camera_screen: SE3, errors: Vector) -> tuple[SE3, Matrix]:
+    """T_camera_screen with the six errors of the screen's place, and their twists in camera axes at the camera, (6, 6)."""
     placement: Any = T_camera_screen
-    columns, twists = [], []
-    for name, screw in zip(SIX, six_screws().T, strict=True):
-        motion, full = pin.Motion(screw), f"camera.{name}"
-        value = x[column[full]] if full in column else errors.held.get(full, 0.0)
-        if full in column:
-            columns.append(column[full])
-            twists.append(placement.act(motion).vector)
-        placement = placement * pin.exp6(motion * float(value))
-    return placement, columns, np.array(twists).reshape(-1, 6).T
+    twists = []
+    for screw, value in zip(six_screws().T, errors.tolist(), strict=True):
+        motion = pin.Motion(screw)
+        twists.append(placement.act(motion).vector)
+        placement = placement * pin.exp6(motion * value)
+    return placement, np.array(twists).T

@@ -10,8 +10,8 @@ from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import Vector
 from urdfcal.estimation.noise import Noise
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, kinds_of, start_sigma
-from urdfcal.sensors.sensor import noun
+from urdfcal.sensors.measurements import Measurements, start_sigma
+from urdfcal.sensors.registry import noun
 
 
 def stated_noise(data: Measurements, spot_sigma: float | None, sigmas: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -20,7 +20,7 @@ def stated_noise(data: Measurements, spot_sigma: float | None, sigmas: Mapping[s
     Raises:
         UsageError: nothing of that kind was measured, every reading of it states its own noise, or the noise is not above zero.
     """
-    stated, kinds = {**(sigmas or {}), **({} if spot_sigma is None else {"spot": spot_sigma})}, kinds_of(data)
+    stated, kinds = {**(sigmas or {}), **({} if spot_sigma is None else {"spot": spot_sigma})}, data.kinds
     for kind, sigma in stated.items():
         if kind not in kinds:
             raise UsageError(f"noise of a {kind} is stated, but the measurements have none; they have {', '.join(kinds)}")
@@ -33,8 +33,8 @@ def stated_noise(data: Measurements, spot_sigma: float | None, sigmas: Mapping[s
 
 def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector) -> Noise:
     """Noise of every kind of measurement: stated with the measurements, known by kind, or where its estimation starts."""
-    sigma, stated = start_sigma(data), np.zeros(len(kinds_of(data)), dtype=bool)
-    for kind, name in enumerate(kinds_of(data)):
+    sigma, stated = start_sigma(data), np.zeros(len(data.kinds), dtype=bool)
+    for kind, name in enumerate(data.kinds):
         own = _own_sigma(data, name)
         if not len(own):  # nothing to estimate it from, and nothing that it matters to
             stated[kind] = True
@@ -47,7 +47,7 @@ def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector
 
 def stating_kinds(data: Measurements) -> frozenset[str]:
     """Kinds of readings of which any state their own noise."""
-    return frozenset(kind for kind in kinds_of(data) if np.isfinite(_own_sigma(data, kind)).any())
+    return frozenset(kind for kind in data.kinds if np.isfinite(_own_sigma(data, kind)).any())
 
 
 def states_all(data: Measurements, kind: str) -> bool:
@@ -58,9 +58,7 @@ def states_all(data: Measurements, kind: str) -> bool:
 
 def _own_sigma(data: Measurements, kind: str) -> Vector:
     """What every reading of a kind states of its own noise, nan for nothing."""
-    if kind == "spot":
-        return data.sigma[data.seen]
-    return np.concatenate([each.sigma[each.seen] for each in data.readings if each.kind == kind])
+    return np.concatenate([each.sigma[each.seen] for each in data.readings if each.noise == kind])
 
 
 def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:

@@ -1,87 +1,162 @@
-"""Sensors of targets: what they read of a target's pose in a measuring frame, and Jac2 of that reading.
-
-A sensor knows nothing of joints. It sees the target's origin p and axes R in the measuring frame, and gives the residual m - h and the
-derivative of h by the target's twist [v, w] in that frame's axes, taken at that frame's origin: the point p then moves by v + w x p.
-Numbers of a place that several poses share (a socket's point, a plane, the end of a wire) are parameters of the sensor's own.
-"""
+"""Sensors of points and frames on links: trackers, mocap, draw wires, probes on planes, balls in sockets."""
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from collections.abc import Collection, Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
+import pinocchio as pin
 
-from urdfcal.base.geometry import Array3, Matrix
-from urdfcal.base.rotations import inverse_right_jacobian, matrices, rotation_vectors, skew
-from urdfcal.sensors.sensor import Look, TargetSensor, View
+from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.rotations import inverse_right_jacobian, matrices, quaternions_of, rotation_vectors
+from urdfcal.robot.rig import Place
+from urdfcal.sensors.sensor import CellFault, Draw, Look, Quantity, Sensor, View, Words, point_jacobian
 
+QUATERNION = ("qx", "qy", "qz", "qw")
+ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
+_UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
 _LEAST_DISTANCE = 1e-9  # [m]; nearer to the end of a wire there is no direction to speak of
 
 
-def point_jacobian(p: Matrix) -> Array3:
-    """Motion of points per twist at the origin, [I, -[p]x], (n, 3, 6)."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -skew(p)], axis=2)
-
-
-def _nothing(look: Array3) -> Array3:
-    return np.zeros((*look.shape[:2], 0))
-
-
-class PointSensor:
+class PointSensor(Sensor):
     """A tracker or a mocap system: the target's origin in the measuring frame, h = p."""
 
-    numbers: ClassVar[int] = 3
-    unit: ClassVar[str] = "mm"
-    title: ClassVar[str] = ""
+    name = noise = "point"
+    words = Words("point", "points", "point noise", "mm", 0.5, 20.0)
+    stored = numbers = 3
+    endings: ClassVar[Mapping[str, Quantity]] = {"x": "length", "y": "length", "z": "length"}
 
     def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
-        jac2 = point_jacobian(view.p)
-        return Look(values - view.p, jac2, _nothing(jac2))
+        """See the base class."""
+        return Look(values - view.p, point_jacobian(view.p))
+
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        return view.p
+
+    def measured(self, values: Matrix, labels: Labels) -> Mask:
+        """Any of the three may be missing."""
+        return ~np.isnan(values)
+
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """See the base class; any of the three columns may be missing."""
+        missing = np.full(len(next(iter(columns.values()))), np.nan)
+        return np.column_stack([columns.get(axis, missing) for axis in self.endings])
+
+    def written(self, values: Matrix) -> dict[str, Vector]:
+        """See the base class; what was never read has no column."""
+        return {axis: column for axis, column in super().written(values).items() if not np.isnan(column).all()}
 
 
-class OrientationSensor:
-    """The target's axes: e = log(R_measured R'), in the measuring frame's axes.
+class OrientationSensor(Sensor):
+    """The target's axes: e = log(R_measured R'), in the measuring frame's axes; kept as unit quaternions x, y, z, w.
 
     With R -> exp(w) R it changes by de = -Jr^-1(e) w, where Jr^-1(e) = I + [e]x / 2 + (1/t^2 - (1 + cos t) / (2 t sin t)) [e]x^2 is the
     inverse right Jacobian of SO(3) and t = |e| (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 10.86).
     """
 
-    numbers: ClassVar[int] = 3
-    unit: ClassVar[str] = "deg"
-    title: ClassVar[str] = "orientation"
+    name = noise = title = "orientation"
+    words = Words("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0)
+    stored, numbers = 4, 3
+    endings: ClassVar[Mapping[str, Quantity]] = {**dict.fromkeys(QUATERNION, "ratio"), **dict.fromkeys(ROLL_PITCH_YAW, "angle")}
+    sigma_ending = ""
+    blank = (0.0, 0.0, 0.0, 1.0)
 
     def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
+        """See the base class."""
         e = rotation_vectors(matrices(values) @ view.R.transpose(0, 2, 1))
-        jac2 = np.concatenate([np.zeros((len(e), 3, 3)), inverse_right_jacobian(e)], axis=2)
-        return Look(e, jac2, _nothing(jac2))
+        return Look(e, np.concatenate([np.zeros((len(e), 3, 3)), inverse_right_jacobian(e)], axis=2))
+
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        return _quaternions(view.R)
+
+    def disturbed(self, values: Matrix, draw: Draw) -> Matrix:
+        """See the base class; the target is turned about each of the measuring frame's axes."""
+        turns = draw((len(values), 3))
+        return _quaternions(np.array([pin.exp3(turn) @ own for turn, own in zip(turns, matrices(values), strict=True)]).reshape(-1, 3, 3))
+
+    def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
+        """See the base class."""
+        for words in (QUATERNION, ROLL_PITCH_YAW):
+            missing = [word for word in words if word not in given]
+            if 0 < len(missing) < len(words):
+                return missing[0], f"is missing; an orientation needs {', '.join(words)}"
+        return None
+
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """See the base class; angles become unit quaternions."""
+        words = QUATERNION if QUATERNION[0] in columns else ROLL_PITCH_YAW
+        table = np.column_stack([columns[word] for word in words])
+        partly = np.isnan(table).any(axis=1) & ~np.isnan(table).all(axis=1)
+        if partly.any():
+            row = int(np.argmax(partly))
+            message = "the cell is empty and others of this orientation are not; leave all of them empty, or none"
+            raise CellFault(row, words[int(np.argmax(np.isnan(table[row])))], message)
+        if words == ROLL_PITCH_YAW:
+            return quaternions_of(table)
+        length = np.linalg.norm(table, axis=1)
+        wrong = np.abs(length - 1) > _UNIT_WITHIN
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise CellFault(row, words[0], f"the quaternion has length {length[row]:.4g}, expected 1 (x, y, z, w)")
+        return np.asarray(table / length[:, None])
+
+    def written(self, values: Matrix) -> dict[str, Vector]:
+        """See the base class; as quaternions."""
+        return dict(zip(QUATERNION, values.T, strict=True))
 
 
-class DistanceSensor:
+def _quaternions(R: Array3) -> Matrix:
+    return np.array([pin.Quaternion(axes).coeffs() for axes in R]).reshape(-1, 4)
+
+
+class DistanceSensor(Sensor):
     """A ball bar or a draw wire: the distance from the target to a fixed point c, h = |p - c|."""
 
-    numbers: ClassVar[int] = 1
-    unit: ClassVar[str] = "mm"
-    title: ClassVar[str] = "distance"
+    name = noise = title = "distance"
+    words = Words("distance", "distances", "distance noise", "mm", 0.5, 20.0)
+    stored = numbers = 1
+    endings: ClassVar[Mapping[str, Quantity]] = {"distance": "length"}
+    seen_from = "places"
 
     def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
+        """See the base class."""
         apart = view.p - view.place
         length = np.maximum(np.linalg.norm(apart, axis=1), _LEAST_DISTANCE)[:, None]
         along = (apart / length)[:, None]
         return Look(values - length, along @ point_jacobian(view.p), -along)
 
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        return np.asarray(np.linalg.norm(view.p - view.place, axis=1)[:, None])
 
-class PlaneSensor:
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """See the base class."""
+        below = columns["distance"] < 0
+        if below.any():
+            row = int(np.argmax(below))
+            raise CellFault(row, "distance", f"{columns['distance'][row]:g} m is below zero; expected a distance, or nothing")
+        return super().kept(columns)
+
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """The fixed end of the wire."""
+        return (Place(f"{target}:wire", ("x", "y", "z"), ("m", "m", "m")),)
+
+
+class PlaneSensor(Sensor):
     """A probe's tip on a plane n . p = d: 0 = h = n . p - d, with n = (n0 + t1 tilt_1 + t2 tilt_2) / |...|."""
 
-    numbers: ClassVar[int] = 1
-    unit: ClassVar[str] = "mm"
-    title: ClassVar[str] = "plane"
+    name = noise = title = "plane"
+    words = Words("touch of a plane", "touches of planes", "noise across planes", "mm", 0.5, 10.0)
+    stored, numbers = 0, 1
+    endings: ClassVar[Mapping[str, Quantity]] = {"plane": "label"}
+    touches = True
+    seen_from = "places"
 
     def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
+        """See the base class."""
         lean = np.concatenate([np.ones((len(view.p), 1)), view.place[:, :2]], axis=1)
         long = np.linalg.norm(lean, axis=1)[:, None]
         n = np.einsum("nij,nj->ni", view.axes, lean / long)
@@ -91,40 +166,33 @@ class PlaneSensor:
         by_place = np.concatenate([by_tilt, -np.ones_like(height)], axis=1)[:, None]
         return Look(view.place[:, 2:] - height, n[:, None] @ point_jacobian(view.p), by_place)
 
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        return np.empty((len(view.p), 0))
 
-class SocketSensor:
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """The planes."""
+        return tuple(Place(f"plane:{label}", ("tilt_1", "tilt_2", "offset"), ("rad", "rad", "m")) for label in labels)
+
+
+class SocketSensor(Sensor):
     """A ball in a socket s: 0 = h = p - s."""
 
-    numbers: ClassVar[int] = 3
-    unit: ClassVar[str] = "mm"
-    title: ClassVar[str] = "socket"
+    name = noise = title = "socket"
+    words = Words("touch of a socket", "touches of sockets", "socket noise", "mm", 0.5, 10.0)
+    stored, numbers = 0, 3
+    endings: ClassVar[Mapping[str, Quantity]] = {"socket": "label"}
+    touches = True
+    seen_from = "places"
 
     def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
-        jac2 = point_jacobian(view.p)
-        return Look(view.place - view.p, jac2, np.broadcast_to(-np.eye(3), (len(view.p), 3, 3)))
+        """See the base class."""
+        return Look(view.place - view.p, point_jacobian(view.p), np.broadcast_to(-np.eye(3), (len(view.p), 3, 3)))
 
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        return np.empty((len(view.p), 0))
 
-class PixelSensor:
-    """A target in a picture, h = project(p); the measuring frame is the camera's: x right, y down, z ahead."""
-
-    numbers: ClassVar[int] = 2
-    unit: ClassVar[str] = "px"
-    title: ClassVar[str] = "pixels"
-
-    def __init__(self, camera: Any) -> None:
-        self.camera = camera
-
-    def look(self, view: View, values: Matrix) -> Look:
-        """See the protocol."""
-        jac2 = self.camera.project_jacobian(view.p) @ point_jacobian(view.p)
-        return Look(values - self.camera.project(view.p), jac2, _nothing(jac2))
-
-
-SENSORS: dict[str, TargetSensor] = {
-    "point": PointSensor(),
-    "orientation": OrientationSensor(),
-    "distance": DistanceSensor(),
-    "plane": PlaneSensor(),
-    "socket": SocketSensor(),
-}
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """The sockets' points."""
+        return tuple(Place(f"socket:{label}", ("x", "y", "z"), ("m", "m", "m")) for label in labels)

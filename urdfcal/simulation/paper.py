@@ -18,7 +18,7 @@ import numpy as np
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.calibration.fitting import fit
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
@@ -159,11 +159,11 @@ def _draw(robot: Robot, errors: ErrorModel, truth: Vector, rng: np.random.Genera
 
 def _lines(robot: Robot, errors: ErrorModel, run: _Run) -> Iterator[tuple[tuple[str, str, int, str], tuple[Matrix, Matrix | None]]]:
     nominal = np.zeros(len(errors.names))
-    exact = SpotModel(errors, measurements_from(robot, run.q, run.spots))
+    exact = Problem(errors, measurements_from(robot, run.q, run.spots))
     for case, name, rows in cases():
         yield ("", "", case, name), (_figures(exact, nominal, run.spots, rows), None)
     for protocol, data in run.readings.items():
-        read = SpotModel(errors, data)
+        read = Problem(errors, data)
         for estimator in ESTIMATORS:
             x = nominal
             for case, name, rows in cases():
@@ -181,9 +181,9 @@ def _estimated(robot: Robot, data: Measurements, estimator: str, readings: int) 
     return fit(robot, data, error_model="dh", spot_sigma=SPOT_NOISE * uniform, joint_sigma=JOINT_NOISE * uniform).x
 
 
-def _figures(model: SpotModel, x: Vector, spots: Array3, rows: Mask) -> Matrix:
+def _figures(model: Problem, x: Vector, spots: Array3, rows: Mask) -> Matrix:
     """Mean, std and max distance of each laser, (lasers, 3), [mm]."""
-    distance = np.linalg.norm(model.predict(x)[0] - spots, axis=-1)[rows] / MM
+    distance = np.linalg.norm(np.stack(model.read(x), axis=1) - spots, axis=-1)[rows] / MM
     return np.array([distance.mean(axis=0), distance.std(axis=0), distance.max(axis=0)]).T
 
 

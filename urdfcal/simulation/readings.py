@@ -12,18 +12,18 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import pinocchio as pin
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
-from urdfcal.calibration.problem import SpotModel
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import CHUNK, LaserMotion
+from urdfcal.model.jacobian import CHUNK
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, measurements_from, spot_readings
 from urdfcal.sensors.readings import Readings
-from urdfcal.sensors.spots import makes_spot, spots_on_screen
+from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.sensor import View
+from urdfcal.sensors.spots import Beams, beams_at, beams_in
 from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup, random_positions
 from urdfcal.simulation.touching import Touch, touching, turns_of
 
@@ -76,8 +76,7 @@ def simulate(
 
 def true_spots(robot: Robot, errors: ErrorModel, x: Vector, q: Matrix) -> Array3:
     """The spots of the robot with errors x at q, (n, lasers, 2), [m]."""
-    blank = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
-    return SpotModel(replace(errors, sessions=("",)), blank).predict(x)[0]
+    return beams_at(replace(errors, sessions=("",)), x, q).spots
 
 
 def noise_from(spot_mm: float, joint_deg: float, distribution: str, readings: int = 1) -> SimulatedNoise:
@@ -131,14 +130,11 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
     turning = np.array([0.0 if joint.prismatic else 1.0 for joint in setup.robot.chain.inputs])
     return Measurements(
         joints=setup.robot.chain.input_names,
-        lasers=setup.robot.rig.lasers,
         q=q + noise.draw(rng, noise.joint, q.shape) * turning,
-        spots=spots,
-        sigma=np.full(spots.shape[:2], np.nan),
+        readings=(*spot_readings(setup.robot.rig.lasers, spots), *readings),
         poses=np.array([str(number) for number in range(1, poses + 1)]),
         sets=np.full(poses, "fit", dtype="<U4"),
         sessions=np.repeat(sessions, own),
-        readings=tuple(readings),
         reference=setup.robot.instruments.reference,
     )
 
@@ -155,7 +151,7 @@ def _one_session(
     else:
         touches, q = [], random_positions(setup, poses, rng)
     parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, max(poses, 1), CHUNK)]
-    spots = np.concatenate([_spots(motion, setup.area) for motion, _ in parts])
+    spots = np.concatenate([_spots(beams_in(setup.robot.chain, motion), setup.area) for motion, _ in parts])
     readings = []
     for sensor in setup.sensors:
         p, R = (np.concatenate([seen[sensor.target][part] for _, seen in parts]) for part in (0, 1))
@@ -163,12 +159,10 @@ def _one_session(
     return q, spots + noise.draw(rng, noise.spot, spots.shape), readings
 
 
-def _spots(motion: LaserMotion, area: ScreenArea) -> Array3:
+def _spots(beams: Beams, area: ScreenArea) -> Array3:
     """Where the beams meet the screen; nan where they do not."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        spots, length = spots_on_screen(motion.source, motion.direction)
-        inside = (np.abs(spots - np.array(area.centre)) <= area.size / 2).all(axis=-1) & makes_spot(length, motion.direction)
-    return np.where(inside[..., None], spots, np.nan)
+        return np.where((area.holds(beams.spots) & beams.makes_spot())[..., None], beams.spots, np.nan)
 
 
 def _read(
@@ -181,19 +175,15 @@ def _read(
     rng: np.random.Generator,
     noise: ReadingNoise,
 ) -> Readings:
-    n, none = len(p), np.full(len(p), "")
-    if kind == "orientation":
-        turns = noise.draw(rng, noise.angle, (n, 3))
-        values = np.array([pin.Quaternion(pin.exp3(turn) @ own).coeffs() for turn, own in zip(turns, R, strict=True)]).reshape(n, 4)
-    elif kind == "point":
-        values = p + noise.draw(rng, noise.length, p.shape)
-    elif kind == "distance":
-        end = setup.place(f"{sensor.target}:wire")
-        values = np.linalg.norm(p - end, axis=1)[:, None] + noise.draw(rng, noise.length, (n, 1))
-    else:
-        own = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
-        values, none = np.empty((n, 0)), np.array(own, dtype=str)
-    return Readings(kind, sensor.target, sensor.link, values, none, np.full(n, np.nan))
+    """What one sensor reads of its target, seen at p with axes R."""
+    n, how = len(p), SENSORS[kind]
+    labels = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
+    numbers = [] if how.touches else [setup.place(place.name) for place in how.places(sensor.target, ())]
+    view = View(p, R, np.tile(np.concatenate(numbers), (n, 1)) if numbers else np.empty((n, 0)), np.broadcast_to(np.eye(3), (n, 3, 3)))
+    scale = noise.angle if how.words.unit == "deg" else noise.length
+    values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
+    touched = np.array(labels, dtype=str) if how.touches else np.full(n, "")
+    return Readings(kind, sensor.target, sensor.link, values, touched, np.full(n, np.nan))
 
 
 def _joined(parts: Sequence[Readings]) -> Readings:

@@ -14,14 +14,14 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
-from urdfcal.calibration.problem import seen_motion
+from urdfcal.calibration.problem import seen_placement, seen_twists
 from urdfcal.calibration.reach import ScreenArea
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, LaserMotion, motion_at
+from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.readings import STORED, Readings, instruments_of
+from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
 
 SENSOR_KINDS: dict[str, tuple[str, ...]] = {
     "point": ("point",),
@@ -69,16 +69,16 @@ class SimulatedSetup:
     sensors: tuple[SimulatedSensor, ...]
     area: ScreenArea
 
-    def motion(self, q: Matrix, session: str) -> tuple[LaserMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
-        """Beams and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        errors = self.errors
-        arm = ArmKinematics(errors.chain, errors.soft.bends if errors.soft is not None else ())
+    def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
+        """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
+        errors, chain = self.errors, self.errors.chain
+        arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
         placed = errors.placements(self.x, session).still()
         motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
         seen = {}
-        for index, frame in enumerate(self.errors.chain.frames[1:], start=1):
-            origin, axes, _, by_joint = seen_motion(self.errors, motion, placed, index)
-            seen[frame.name] = origin, axes, by_joint
+        for index, frame in enumerate(chain.frames):
+            if frame.role == "target":
+                seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_twists(chain, motion, placed, index, 0)[1]
         return motion, seen
 
     def place(self, name: str) -> Vector:
@@ -194,8 +194,7 @@ def place_labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:
 
 
 def _blank(sensor: SimulatedSensor, kind: str, labels: Sequence[str]) -> Readings:
-    n = len(labels)
-    return Readings(kind, sensor.target, sensor.link, np.full((n, STORED[kind]), np.nan), np.array(labels, dtype=str), np.full(n, np.nan))
+    return replace(blank_readings(kind, sensor.target, sensor.link, len(labels)), labels=np.array(labels, dtype=str))
 
 
 def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3:

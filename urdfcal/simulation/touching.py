@@ -11,7 +11,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.model.jacobian import CHUNK
 from urdfcal.robot.configurations import joint_limits
-from urdfcal.sensors.targets import point_jacobian
+from urdfcal.sensors.sensor import point_jacobian
 from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, place_labels, random_positions
 
 _ROUNDS, _LONGEST_STEP, _DAMPING = 40, 0.5, 1e-9  # of Newton's method; steps in [rad] and [m]

@@ -11,7 +11,7 @@ import pytest
 from tests.support.helpers import central_differences
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.calibration.analysis.check import check
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.identifiability import correlated_groups, indices, observe
 from urdfcal.model.options import ModelOptions
@@ -53,8 +53,8 @@ def test_rank_and_sigmas_are_those_of_another_route(robots: dict[str, Robot], ca
     robot = with_one_beam(name) if one_beam else robots[name]
     data = measured(robot, rng)
     found = check(robot, data, options=options)
-    model = SpotModel(found.errors, data)
-    J = central_differences(lambda x: model.predict(x)[0].ravel(), np.zeros(count)) / 1e-3 * found.errors.sigma
+    model = Problem(found.errors, data)
+    J = central_differences(lambda x: np.stack(model.read(x), axis=1).ravel(), np.zeros(count)) / 1e-3 * found.errors.sigma
     _, values, rows = np.linalg.svd(J)
     assert (len(found.errors.names), found.observability.rank) == (count, rank)
     assert int(np.sum(values > 1e-7 * values[0])) == rank

@@ -18,9 +18,10 @@ from tests.support.small_robot import joint, robot_of, robot_text
 from urdfcal.base.errors import CalibrationFileError, ShapeMismatch
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.analysis.compensation import ArmScrews, Compensation, compensation_files, in_memory
+from urdfcal.calibration.problem import seen_placement
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gravity import Gravity, WeighedRobot
-from urdfcal.model.jacobian import ArmKinematics, LaserMotion, motion_at
+from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.softness import EXTRAS, Softness, extra_terms, gravity_terms
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot
@@ -59,7 +60,7 @@ def positions(robot: Robot, rng: np.random.Generator, n: int = 20) -> Matrix:
     return rng.uniform(-1.5, 1.5, (n, len(robot.chain.inputs))) * np.where([each.prismatic for each in robot.chain.inputs], 0.1, 1.0)
 
 
-def soft_motion(compensation: Compensation, q: Matrix) -> LaserMotion:
+def soft_motion(compensation: Compensation, q: Matrix) -> ArmMotion:
     """The bent arm as the fit sees it: by the error model's own kinematics."""
     soft = compensation.softness
     bare, kinematics = ErrorModel(soft.chain, (), (), held=compensation.values, soft=soft), ArmKinematics(soft.chain, soft.bends)
@@ -81,10 +82,9 @@ def tips(robot: Robot, q: Matrix) -> Matrix:
 def bent_tips(compensation: Compensation, q: Matrix) -> Matrix:
     motion = soft_motion(compensation, q)
     if compensation.robot.rig.lasers:
-        return motion.source[:, 0]
-    names = [frame.name for frame in compensation.softness.chain.frames]
-    reference, target = motion.frames[0], motion.frames[names.index(compensation.robot.rig.module)]
-    return np.einsum("nji,nj->ni", reference[:, :, :3], target[:, :, 3] - reference[:, :, 3])
+        return motion.frames[compensation.softness.chain.laser_frames[0]][:, :, 3]
+    chain = compensation.softness.chain
+    return seen_placement(motion.frames, chain.frame_index("target", compensation.robot.rig.module), chain.measuring_frame)[0]
 
 
 def wrists_free(compensation: Compensation, q: Matrix) -> Matrix:

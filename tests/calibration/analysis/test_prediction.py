@@ -12,7 +12,7 @@ from urdfcal.api import fit
 from urdfcal.base.errors import RobotError, ShapeMismatch
 from urdfcal.calibration.analysis import prediction
 from urdfcal.calibration.analysis.prediction import base_link, default_tool, spot_jacobians, spot_sigma, tool_jacobian, tool_sigma
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
@@ -21,6 +21,7 @@ from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.spots import beams_at
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 EVERYTHING = ModelOptions(error_model="placement", estimate=("beams4",))
@@ -146,9 +147,9 @@ def test_spot_sigma_is_the_scatter_of_spots(robots: dict[str, Robot], name: str,
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=("beams",)))
     x, P = some_state(errors, rng), some_covariance(errors, rng)
     q = poses_in_view(robot, errors, x, 20, rng, least_zx=0.5)
-    model = SpotModel(errors, measurements_from(robot, q, np.zeros((20, 2, 2))))
-    middle = model.predict(x)[0]
-    squares = [np.sum((model.predict(draw)[0] - middle) ** 2, axis=-1) for draw in rng.multivariate_normal(x, P, 400)]
+    model = Problem(errors, measurements_from(robot, q, np.zeros((20, 2, 2))))
+    middle = np.stack(model.read(x), axis=1)
+    squares = [np.sum((np.stack(model.read(draw), axis=1) - middle) ** 2, axis=-1) for draw in rng.multivariate_normal(x, P, 400)]
     np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), spot_sigma(errors, P, x, q), rtol=5 / np.sqrt(2 * 400))
 
 
@@ -162,9 +163,9 @@ def test_spot_accuracy_is_that_of_robots_drawn_from_the_posterior(robots: dict[s
     found = fit(robot, data)
     draws = rng.multivariate_normal(found.x, found.covariance, 400)
     for q in (prediction.poses_in_view(robot, found.errors, found.x, data, rng, 100), data.q):
-        model = SpotModel(found.errors, measurements_from(robot, q, np.zeros((len(q), 2, 2))))
-        middle = model.predict(found.x)[0]
-        rms = np.sqrt(np.mean([np.sum((model.predict(draw)[0] - middle) ** 2, axis=-1) for draw in draws], axis=0))
+        model = Problem(found.errors, measurements_from(robot, q, np.zeros((len(q), 2, 2))))
+        middle = np.stack(model.read(found.x), axis=1)
+        rms = np.sqrt(np.mean([np.sum((np.stack(model.read(draw), axis=1) - middle) ** 2, axis=-1) for draw in draws], axis=0))
         predicted = prediction.spot_accuracy(found.errors, found.covariance, found.x, q)
         assert predicted.lasers == data.lasers
         assert predicted.poses == (len(q), len(q))
@@ -269,7 +270,7 @@ def test_a_beam_that_misses_has_no_sigma(robots: dict[str, Robot], rng: np.rando
     robot = robots["panda"]
     errors = build_error_model(robot.chain, robot.rig)
     q = rng.uniform(*joint_limits(robot), (60, 7))
-    lengths = SpotModel(errors, measurements_from(robot, q, np.zeros((60, 2, 2)))).predict(errors.mean)[1]
+    lengths = beams_at(errors, errors.mean, q).length
     sigma = spot_sigma(errors, np.eye(len(errors.names)), errors.mean, q)
     assert 0 < np.isnan(sigma).sum() < sigma.size
     np.testing.assert_array_equal(np.isnan(sigma), lengths < 0)

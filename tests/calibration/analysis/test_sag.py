@@ -20,7 +20,7 @@ from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.sag import SagFit, estimated_gravity, fit_sag, log_evidence
 from urdfcal.calibration.error_table import error_table, rms_mm
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
@@ -65,7 +65,7 @@ def sagging(soft_panda: tuple[Calibration, Measurements, dict[str, float]]) -> S
 
 
 def rms(errors: ErrorModel, x: Vector, test: Measurements) -> float:
-    return rms_mm(error_table(SpotModel(errors, test).linearise(x), len(test)))
+    return rms_mm(error_table(Problem(errors, test).linearise(x), len(test)))
 
 
 def test_sag_is_found(soft_panda: tuple[Calibration, Measurements, dict[str, float]], sagging: SagFit) -> None:
@@ -106,7 +106,7 @@ def test_deflections_are_told_as_they_are(soft_panda: tuple[Calibration, Measure
         own = [name == joint for name in names]
         assert told[joint].mrad == pytest.approx(1e3 * np.linalg.norm(angles[:, own], axis=1).max())
     errors, x = sagging.errors, sagging.estimate.belief.x
-    model = SpotModel(errors, sagging.calibration.data)
+    model = Problem(errors, sagging.calibration.data)
     placed, rows = errors.placements(x, ""), np.arange(len(model.data))
     joint = names[3]
     still = x.copy()

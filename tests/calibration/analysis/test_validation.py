@@ -13,7 +13,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.calibration.analysis.validation import _left_out_residuals, _much_worse, coverage_warnings, holdout, kfold
 from urdfcal.calibration.error_table import rms_mm
 from urdfcal.calibration.fitting import with_test
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import evaluate
 from urdfcal.estimation.noise import Noise
@@ -52,7 +52,7 @@ def test_holdout_takes_the_share_of_every_session(robots: dict[str, Robot], rng:
     data = panda_data(robots["panda"], rng, 60, ("a", "b", "b"))
     blind = data.spots.copy()
     blind[:6] = np.nan
-    marked = holdout(replace(data, spots=blind), 0.25, rng)
+    marked = holdout(data.with_spots(blind), 0.25, rng)
     assert [np.count_nonzero(marked.sets[data.sessions == session] == "test") for session in "ab"] == [round(0.25 * 18), round(0.25 * 36)]
     assert (marked.sets[:6] == "fit").all()
     assert (holdout(data, 0.25, np.random.default_rng(1)).sets == holdout(data, 0.25, np.random.default_rng(1)).sets).all()
@@ -103,10 +103,10 @@ def test_left_out_residuals_are_those_of_fits_without_the_pose(robots: dict[str,
     data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, 16, rng), rng, SimulatedNoise(1e-4))
     whole = fit(robot, data, spot_sigma=1e-4, gated=False)
     noise = Noise(1e-4, np.zeros(6))
-    left_out = _left_out_residuals(SpotModel(whole.errors, data).linearise(whole.x), noise, whole.covariance) * noise.spot_sigma
+    left_out = _left_out_residuals(Problem(whole.errors, data).linearise(whole.x), noise, whole.covariance) * noise.spot_sigma
     for pose in range(16):
         without = fit(robot, data.subset(np.arange(16) != pose), spot_sigma=1e-4, gated=False)
-        residual = SpotModel(without.errors, data.subset([pose])).linearise(without.x).residual[0]
+        residual = Problem(without.errors, data.subset([pose])).linearise(without.x).residual[0]
         np.testing.assert_allclose(left_out[pose], residual, rtol=0.02, atol=2e-6)
 
 
@@ -153,7 +153,7 @@ def test_a_rig_that_moved_is_not_blamed_on_the_ranges(robots: dict[str, Robot], 
     """Test poses over the same ranges, but after the screen was moved by 10 mm, are worse for a reason that is not the ranges."""
     robot = robots["panda"]
     data = panda_data(robot, rng, 90)
-    moved = replace(data, spots=data.spots + np.where(np.arange(90) < 60, 0.0, 10e-3)[:, None, None])
+    moved = data.with_spots(data.spots + np.where(np.arange(90) < 60, 0.0, 10e-3)[:, None, None])
     (line,) = coverage_warnings(robot, checked_on(robot, moved, np.arange(90) < 60, np.arange(90) >= 60))
     assert "more than the fit's own uncertainty predicts" in line
     assert "the joints' ranges do not explain it" in line
@@ -165,7 +165,7 @@ def test_a_single_wild_pose_is_named(robots: dict[str, Robot], rng: np.random.Ge
     data = panda_data(robot, rng, 80)
     spots = data.spots.copy()
     spots[70] += 20e-3
-    found = checked_on(robot, replace(data, spots=spots), np.arange(80) < 60, np.arange(80) >= 60)
+    found = checked_on(robot, data.with_spots(spots), np.arange(80) < 60, np.arange(80) >= 60)
     assert {(outlier.pose, outlier.laser) for outlier in found.test_outliers} == {("pose 71", "laser_1"), ("pose 71", "laser_2")}
     assert coverage_warnings(robot, found) == ()
 
@@ -180,7 +180,7 @@ def test_a_slide_is_told_in_millimetres(robots: dict[str, Robot], rng: np.random
     low = q[:, slide] < 0.1
     data = simulate(robot, errors, truth, q, rng, SimulatedNoise(1e-4))
     spots = np.where(low[:, None, None], data.spots, data.spots + 5e-3)  # whatever it is that goes wrong farther up
-    (line,) = coverage_warnings(robot, checked_on(robot, replace(data, spots=spots), low, ~low, spot_sigma=1e-4))
+    (line,) = coverage_warnings(robot, checked_on(robot, data.with_spots(spots), low, ~low, spot_sigma=1e-4))
     assert f"the calibration poses cover {names[slide]} " in line
     assert "mm, the test poses 1" in line
     assert line.count("the test poses") == 2

@@ -10,7 +10,7 @@ import pytest
 from tests.support.sensor_cases import CASES, NOISE, SensorCase, setup_of
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import MM
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.begin import with_scale
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
@@ -106,7 +106,7 @@ def place(found: Calibration, name: str) -> np.ndarray:
 
 def seen_directions(errors: ErrorModel, setup: SimulatedSetup, data: Measurements) -> int:
     """Rank of what the data see of joints, targets and places, at the truth, columns in units of a tenth of a metre and a radian."""
-    here = SpotModel(errors, data).linearise(setup.x)
+    here = Problem(errors, data).linearise(setup.x)
     scale = np.where(np.array(errors.units) == "m", 0.1, 1.0)
     values = np.linalg.svd(here.jacobian.reshape(-1, len(scale)) * scale, compute_uv=False)
     return int(np.sum(values > 1e-7 * values[0]))

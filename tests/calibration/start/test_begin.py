@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -37,7 +35,7 @@ def test_a_mistake_in_the_data_is_named(robots: dict[str, Robot], rng: np.random
     robot = robots["panda"]
     model, truth = random_truth(robot, rng, 2e-3, np.radians(0.2))
     data = simulate(robot, model, truth, draw_poses(robot, model, truth, 60, rng), rng, SimulatedNoise(1e-3))
-    swapped = replace(data, spots=data.spots[:, ::-1])
+    swapped = data.with_spots(data.spots[:, ::-1])
     with pytest.raises(FitRejected, match="times better with laser_1 and laser_2 swapped"):
         fit(robot, swapped)
     as_they_are = fit(robot, swapped, sane=False)  # a module turned by 180 deg explains them as well

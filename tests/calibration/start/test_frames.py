@@ -13,7 +13,7 @@ from tests.support.helpers import assert_poses_close
 from tests.support.sensor_cases import CASES, SensorCase, setup_of
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Array3, Matrix
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.closed_form import (
     common_point,
     nearest_rotation,
@@ -140,7 +140,7 @@ def test_a_robot_without_errors_is_explained_by_the_start_alone(name: str, seed:
     setup, data = perfect(STARTS[name], robots, seed)
     options = ModelOptions(reference_known=STARTS[name].known)
     errors = place_instruments(build_error_model(setup.robot.chain, setup.robot.rig, options, data.session_names), data)
-    left = SpotModel(errors, data).linearise(errors.mean).residual
+    left = Problem(errors, data).linearise(errors.mean).residual
     assert np.abs(left).max() < 2e-6, f"{np.abs(left).max() * 1e3:.3g} mm left"
     for slot, truth in ((own, true) for own in errors.slots for true in setup.errors.slots if own.label == true.label and own.found):
         for session in data.session_names:
@@ -165,7 +165,7 @@ def test_what_is_stated_stays_where_it_is_stated(robots: dict[str, Robot]) -> No
     single = {f"tool0.trans_{axis}": ParameterPrior(float(value), None, True) for axis, value in zip("xyz", offset, strict=True)}
     errors = place_instruments(build_error_model(setup.robot.chain, setup.robot.rig, ModelOptions(single=single)), data)
     assert not any(slot.found for slot in errors.slots if slot.kind == "target")
-    assert np.abs(SpotModel(errors, data).linearise(errors.mean).residual).max() < 1e-9
+    assert np.abs(Problem(errors, data).linearise(errors.mean).residual).max() < 1e-9
     narrow = {"tool0.trans_x": ParameterPrior(None, 0.01)}
     kept = place_instruments(build_error_model(setup.robot.chain, setup.robot.rig, ModelOptions(single=narrow)), data)
     assert not any(slot.found for slot in kept.slots if slot.kind == "target")

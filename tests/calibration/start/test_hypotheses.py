@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.helpers import with_joint
 from urdfcal.base.geometry import DEG, MM, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.hypotheses import best_hypothesis
 from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_spots
@@ -24,24 +24,24 @@ from urdfcal.simulation.readings import SimulatedNoise, simulate
 Change = Callable[[Measurements], Measurements]
 
 
-def measured(robot: Robot, mm: float, deg: float, outliers: float, seed: int, poses: int = 50) -> tuple[SpotModel, Vector]:
+def measured(robot: Robot, mm: float, deg: float, outliers: float, seed: int, poses: int = 50) -> tuple[Problem, Vector]:
     """A robot with errors of a given size, and its spots with 1 mm of noise, some up to 200 mm off."""
     rng, errors = np.random.default_rng(seed), build_error_model(robot.chain, robot.rig)
     x = rng.normal(0, np.where(np.array(errors.units) == "m", mm * MM, deg * DEG))
     data = simulate(robot, errors, x, draw_poses(robot, errors, x, poses, rng), rng, SimulatedNoise(1 * MM))
     bad = rng.random(data.seen.shape) < outliers
-    data = replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
-    return SpotModel(errors, data), x
+    data = data.with_spots(data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+    return Problem(errors, data), x
 
 
-def noise_of(model: SpotModel) -> Noise:
+def noise_of(model: Problem) -> Noise:
     """What `fit` assumes where nothing is stated."""
     return Noise(1 * MM, np.zeros(len(model.data.joints)), stated=False)
 
 
-def said(model: SpotModel, change: Change) -> str:
+def said(model: Problem, change: Change) -> str:
     """What is said of changed measurements, as `fit` would ask."""
-    wrong = SpotModel(model.errors, change(model.data))
+    wrong = Problem(model.errors, change(model.data))
     if find_start(wrong, noise_of(wrong)).plausible:
         return ""
     found = best_hypothesis(wrong, noise_of(wrong))
@@ -50,11 +50,11 @@ def said(model: SpotModel, change: Change) -> str:
 
 def with_spots(matrix: list[list[float]]) -> Change:
     """A mistake in what was read off the screen."""
-    return lambda data: replace(data, spots=data.spots @ np.array(matrix, dtype=float).T)
+    return lambda data: data.with_spots(data.spots @ np.array(matrix, dtype=float).T)
 
 
 MISTAKES: dict[str, Change] = {
-    "laser_1 and laser_2 swapped": lambda data: replace(data, spots=data.spots[:, ::-1]),
+    "laser_1 and laser_2 swapped": lambda data: data.with_spots(data.spots[:, ::-1]),
     "y and z of the spots swapped": with_spots([[0, 1], [1, 0]]),
     "y of the spots mirrored": with_spots([[-1, 0], [0, 1]]),
     "z of the spots mirrored": with_spots([[1, 0], [0, -1]]),
@@ -109,7 +109,7 @@ def test_noise_is_no_mistake(robots: dict[str, Robot], rng: np.random.Generator)
     robot = robots["ur5"]
     errors = build_error_model(robot.chain, robot.rig)
     data = measurements_from(robot, rng.uniform(-1, 1, (40, 6)), rng.uniform(-1, 1, (40, 2, 2)))
-    model = SpotModel(errors, data)
+    model = Problem(errors, data)
     assert best_hypothesis(model, noise_of(model)) is None
 
 

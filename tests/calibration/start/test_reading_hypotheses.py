@@ -36,13 +36,13 @@ def measured(case: SensorCase, robots: dict[str, Robot], seed: int, poses: int =
 def with_values(kind: str, change: Callable[[np.ndarray], np.ndarray]) -> Change:
     """A mistake in all readings of a kind."""
     return lambda data: replace(
-        data, readings=tuple(replace(each, values=change(each.values)) if each.kind == kind else each for each in data.readings)
+        data, readings=tuple(replace(each, values=change(each.values)) if each.sensor == kind else each for each in data.readings)
     )
 
 
 def inverted(data: Measurements) -> Measurements:
     """Every pose as that of the measuring frame in the target."""
-    point, axes = (next(each for each in data.readings if each.kind == kind) for kind in ("point", "orientation"))
+    point, axes = (next(each for each in data.readings if each.sensor == kind) for kind in ("point", "orientation"))
     turn = Rotation.from_quat(axes.values).inv()
     return replace(data, readings=(replace(point, values=-turn.apply(point.values)), replace(axes, values=turn.as_quat())))
 

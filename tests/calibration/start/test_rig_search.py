@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.helpers import central_differences
 from urdfcal.base.geometry import DEG, MM, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.aim import misses
 from urdfcal.calibration.start.rig_search import find_start, rig_columns
@@ -44,7 +44,7 @@ def measured(robot: Robot, errors: ErrorModel, x: Vector, rng: np.random.Generat
     """Spots with 1 mm of noise, some of them up to 200 mm off."""
     data = simulate(robot, errors, x, draw_poses(robot, errors, x, poses, rng), rng, SimulatedNoise(1 * MM))
     bad = rng.random(data.seen.shape) < outliers
-    return replace(data, spots=data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
+    return data.with_spots(data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape))
 
 
 def noise_of(robot: Robot) -> Noise:
@@ -52,7 +52,7 @@ def noise_of(robot: Robot) -> Noise:
     return Noise(1 * MM, np.zeros(len(robot.chain.inputs)), stated=False)
 
 
-def fitted(model: SpotModel, errors: ErrorModel, noise: Noise, x: Vector) -> Estimate:
+def fitted(model: Problem, errors: ErrorModel, noise: Noise, x: Vector) -> Estimate:
     """The iterated fit from a given state."""
     return iterated_schedule(model.linearise, Belief.independent(errors.mean, errors.sigma), noise, start=x)
 
@@ -64,7 +64,7 @@ def test_the_miss_has_its_jacobian(robots: dict[str, Robot], rng: np.random.Gene
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=("beams4",)), sessions=("a", "b"))
     q, spots = rng.uniform(-2, 2, (6, len(robot.chain.inputs))), rng.uniform(-1, 1, (6, 2, 2))
     spots[2, 1] = np.nan
-    model = SpotModel(errors, measurements_from(robot, q, spots, sessions=["a", "b"] * 3))
+    model = Problem(errors, measurements_from(robot, q, spots, sessions=["a", "b"] * 3))
     x = rng.normal(0, 0.05, len(errors.names))
     x[errors.names.index("slm.rot_y")] = 0.0 if where == "on the screen" else 3.0
     expected = central_differences(lambda at: misses(model, at).e, x)
@@ -79,7 +79,7 @@ def test_a_fit_from_afar_reaches_the_answer(robots: dict[str, Robot], name: str,
     robot, rng = robots[name], np.random.default_rng(seed)
     errors = model_of(robot, *estimate)
     x, noise = far_truth(errors, rng), noise_of(robot)
-    model = SpotModel(errors, measured(robot, errors, x, rng))
+    model = Problem(errors, measured(robot, errors, x, rng))
     begun = find_start(model, noise)
     found, answer = (fitted(model, begun.errors, noise, at) for at in (begun.x, x))
     assert begun.plausible
@@ -92,7 +92,7 @@ def test_a_fit_from_afar_survives_outliers(robots: dict[str, Robot], rng: np.ran
     """With every fifth spot up to 200 mm off, the start still explains the others to their noise."""
     robot = robots["ur5"]
     errors = model_of(robot)
-    model = SpotModel(errors, measured(robot, errors, far_truth(errors, rng), rng, outliers=0.2))
+    model = Problem(errors, measured(robot, errors, far_truth(errors, rng), rng, outliers=0.2))
     begun = find_start(model, noise_of(robot))
     assert begun.plausible
     assert begun.scale < 1.5 * MM
@@ -104,7 +104,7 @@ def test_a_good_robot_starts_at_its_prior(robots: dict[str, Robot], rng: np.rand
     robot = robots[name]
     errors = model_of(robot)
     x = rng.normal(0, np.where(np.array(errors.units) == "m", 0.3 * MM, 0.05 * DEG))
-    begun = find_start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
+    begun = find_start(Problem(errors, measured(robot, errors, x, rng)), noise_of(robot))
     assert begun.errors is errors
     assert begun.message == ""
     np.testing.assert_array_equal(begun.x, errors.mean)
@@ -119,7 +119,7 @@ def test_only_the_far_prior_is_widened(robots: dict[str, Robot], rng: np.random.
     x = np.zeros(len(errors.names))
     moved = [errors.names.index("slm.trans_y"), errors.names.index("slm.trans_z")]
     x[moved] = 180 * MM, 240 * MM
-    begun = find_start(SpotModel(errors, measured(robot, errors, x, rng)), noise_of(robot))
+    begun = find_start(Problem(errors, measured(robot, errors, x, rng)), noise_of(robot))
     others = np.delete(np.arange(len(x)), moved)
     np.testing.assert_array_equal(begun.errors.sigma[others], errors.sigma[others])
     np.testing.assert_allclose(begun.errors.sigma[moved], 300 * MM, atol=10 * MM)
@@ -142,7 +142,7 @@ def test_what_is_held_stays(robots: dict[str, Robot], rng: np.random.Generator, 
     robot = robots["panda"]
     whole = model_of(robot)
     few = build_error_model(robot.chain, robot.rig, ModelOptions(only=(only,)))
-    begun = find_start(SpotModel(few, measured(robot, whole, far_truth(whole, rng), rng)), noise_of(robot))
+    begun = find_start(Problem(few, measured(robot, whole, far_truth(whole, rng), rng)), noise_of(robot))
     assert begun.x.shape == (len(few.names),)
     assert not begun.plausible
 
@@ -153,7 +153,7 @@ def test_a_screen_that_joints_cannot_follow_is_followed_in_part(robots: dict[str
     whole = model_of(robot, "screen")
     x = np.zeros(len(whole.names))
     x[[whole.names.index("screen.trans_x"), whole.names.index("screen.rot_z")]] = 300 * MM, 10 * DEG
-    begun = find_start(SpotModel(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
+    begun = find_start(Problem(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
     assert not begun.plausible
     assert begun.message.startswith("'screen' was found")
     assert "as far as joint1.d_a, joint1.d_d, joint1.d_alpha, joint1.d_theta, joint2.d_d can stand for its placement" in begun.message
@@ -164,7 +164,7 @@ def test_data_that_nothing_explains_are_not_plausible(robots: dict[str, Robot], 
     robot = robots["ur5"]
     errors = model_of(robot)
     data = measured(robot, errors, errors.mean, rng)
-    begun = find_start(SpotModel(errors, replace(data, spots=rng.uniform(-1, 1, data.spots.shape))), noise_of(robot))
+    begun = find_start(Problem(errors, data.with_spots(rng.uniform(-1, 1, data.spots.shape))), noise_of(robot))
     assert not begun.plausible
     assert begun.message == ""
     assert begun.errors is errors

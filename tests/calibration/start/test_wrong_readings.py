@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.ekf import Belief
-from urdfcal.estimation.estimators import Method, observations_of
+from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.robust import beyond_belief
+from urdfcal.estimation.robust import Observations, beyond_belief
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
@@ -33,9 +33,9 @@ def measured(robot: Robot, rng: np.random.Generator) -> tuple[ErrorModel, np.nda
 
 def clean_fit(errors: ErrorModel, data: Measurements, estimator: str = "ekf", start: np.ndarray | None = None) -> CleanFit:
     """The fit of some measurements, outliers taken out."""
-    method, model, noise = Method(estimator, start=start), SpotModel(errors, data), Noise(1e-3, np.zeros(data.q.shape[1]), stated=False)
+    method, model, noise = Method(estimator, start=start), Problem(errors, data), Noise(1e-3, np.zeros(data.q.shape[1]), stated=False)
     prior = Belief.independent(errors.mean, errors.sigma)
-    return fit_without_outliers(method, model, prior, noise, method.run(model, prior, noise))
+    return fit_without_outliers(method, model, prior, noise, method.run(model.linearise, prior, noise))
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "robust"])
@@ -63,7 +63,7 @@ def test_good_spots_are_let_back_in(robots: dict[str, Robot], rng: np.random.Gen
     errors, _, data = measured(robots["panda"], rng)
     start = errors.mean.copy()
     start[errors.names.index("slm.rot_y")] = np.radians(35)
-    missed = observations_of(SpotModel(errors, data)).missed(start)
+    missed = Problem(errors, data).linearise(start).lost
     assert 0 < missed.mean() < 0.4
     found, expected = clean_fit(errors, data, start=start), clean_fit(errors, data)
     assert found.outliers == ()
@@ -86,8 +86,8 @@ def test_a_set_without_some_spots_is_the_model_of_the_others(robots: dict[str, R
     """Residuals and Jacobian without some spots are those of measurements in which they were not seen."""
     errors, truth, data = measured(robots["ur5"], rng)
     kept = rng.random(data.seen.shape) < 0.7
-    found = observations_of(SpotModel(errors, data)).at(truth, kept)
-    expected = SpotModel(errors, replace(data, spots=np.where(kept[..., None], data.spots, np.nan))).linearise(truth)
+    found = Observations.of(Problem(errors, data).linearise, truth).at(truth, kept)
+    expected = Problem(errors, data.with_spots(np.where(kept[..., None], data.spots, np.nan))).linearise(truth)
     np.testing.assert_array_equal(found.measured, expected.measured)
     np.testing.assert_array_equal(found.residual, expected.residual)
     np.testing.assert_array_equal(found.jacobian, expected.jacobian)
@@ -101,8 +101,8 @@ def held_out(robot: Robot, rng: np.random.Generator, gross: float, worse: float)
     hit = rng.random(unseen.seen.shape) < 0.2
     angle = rng.uniform(0, 2 * np.pi, hit.shape)
     off = worse * rng.normal(size=unseen.spots.shape) + hit[..., None] * gross * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    model = SpotModel(errors, replace(unseen, spots=unseen.spots + off))
-    return hit, beyond_belief(observations_of(model), found)
+    model = Problem(errors, unseen.with_spots(unseen.spots + off))
+    return hit, beyond_belief(Observations.of(model.linearise, found.belief.x), found)
 
 
 @pytest.mark.parametrize("name", ["arm7", "panda", "ur5"])
@@ -125,10 +125,10 @@ def test_an_unseen_pose_whose_beams_miss_is_an_outlier(robots: dict[str, Robot],
     found = clean_fit(errors, data).estimate
     q = data.q.copy()
     q[POSE, 5] += np.pi / 2
-    spots = observations_of(SpotModel(errors, replace(data, q=q)))
-    assert spots.missed(found.belief.x)[POSE].any()
+    spots = Observations.of(Problem(errors, replace(data, q=q)).linearise, found.belief.x)
+    assert spots.linearise(found.belief.x).lost[POSE].any()
     assert np.flatnonzero(beyond_belief(spots, found).any(axis=1)).tolist() == [POSE]
-    left, outliers = without_gross_outliers(SpotModel(errors, replace(data, q=q)), found)
+    left, outliers = without_gross_outliers(Problem(errors, replace(data, q=q)), found)
     assert {outlier.pose for outlier in outliers} == {f"pose {POSE + 1}"}
     np.testing.assert_array_equal(left.data.seen, ~beyond_belief(spots, found))
-    assert without_gross_outliers(SpotModel(errors, data), found)[1] == ()
+    assert without_gross_outliers(Problem(errors, data), found)[1] == ()

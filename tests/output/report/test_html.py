@@ -72,7 +72,9 @@ def simulated(robot: Robot, fitted: int = 40, tested: int = 0, shift: tuple[int,
     q = draw_poses(robot, model, truth, fitted + tested, rng)
     data = simulate(robot, model, truth, q, rng, SimulatedNoise(SPOT_SIGMA))
     if shift:
-        data.spots[shift[0], 0] += shift[1]
+        spots = data.spots.copy()
+        spots[shift[0], 0] += shift[1]
+        data = data.with_spots(spots)
     return fit(robot, replace(data, sets=np.array(["fit"] * fitted + ["test"] * tested)), **options)  # type: ignore[arg-type]
 
 

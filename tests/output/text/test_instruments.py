@@ -16,7 +16,7 @@ from tests.support.sensor_cases import CASES, NOISE, setup_of
 from urdfcal.api import Calibration, fit
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.check import check
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.chi_squared import chance_beyond, chi_squared_median
 from urdfcal.estimation.robust import squared_distances
 from urdfcal.output.report.content import Report, report_of
@@ -70,7 +70,7 @@ def test_residuals_of_readings_are_those_of_the_tables(case: Calibration) -> Non
 
 def test_squared_lengths_are_the_gate_s(case: Calibration) -> None:
     """Squared lengths of fitted residuals are the squared distances that outliers are told by."""
-    model = SpotModel(case.errors, case.data)
+    model = Problem(case.errors, case.data)
     d2 = squared_distances(model.linearise(case.x), case.estimate.noise)[: len(case.data)]
     columns = {block.name: d2[:, index] for index, block in enumerate(model.blocks)}
     for each in (each for each in reading_residuals(case) if each.label == "fit"):
@@ -86,7 +86,7 @@ def test_every_arrangement_gives_a_whole_report(case: Calibration) -> None:
     parameters = str(next(section for section in report.sections if section.key == "parameters"))
     assert not [name for name in case.errors.names if name.startswith(("socket:", "plane:")) and f"'{name}'" in parameters]
     assert ("frames" in sections_of(report)) == any(slot.frame is not None for slot in case.errors.slots)
-    assert ("places" in sections_of(report)) == any(each.kind in ("plane", "socket") for each in case.data.readings)
+    assert ("places" in sections_of(report)) == any(each.sensor in ("plane", "socket") for each in case.data.readings)
     assert case.data.lasers or not re.search(r"\bspots?\b|\bbeams?\b|\bscreen\b", text + text_report(case))
     assert not re.search(r"\bnan\b", text + machine)
 
@@ -102,7 +102,7 @@ def test_pages_are_well_formed(name: str, robots: dict[str, Robot]) -> None:
     assert all(re.search(r'aria-label="[^"]{20,}"', drawing) for drawing in drawings)
     titles = re.findall(r"<figure><h3>(.*?)</h3>", html)
     assert len(titles) == len(set(titles))
-    kinds = {each.kind for each in calibration.data.readings}
+    kinds = {each.noise for each in calibration.data.readings}
     assert len([title for title in titles if title.endswith("before calibration")]) >= len(kinds)
 
 

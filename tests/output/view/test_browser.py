@@ -212,7 +212,7 @@ def test_a_spot_that_is_moved_by_20_mm_is_found(browser: Browser, arm7_view: Vie
     lonely = int(np.argmax(np.sort(np.linalg.norm(places[:, None] - places[None], axis=-1), axis=1)[:, 1]))
     moved = places.copy()
     moved[lonely] += (0.0, 0.02)
-    view_of(scene.robot, replace(scene.data, spots=moved.reshape(spots.shape)), scene.calibrated).write_html(tmp_path / "moved.html")
+    view_of(scene.robot, scene.data.with_spots(moved.reshape(spots.shape)), scene.calibrated).write_html(tmp_path / "moved.html")
     browser.open(tmp_path / "moved.html")
     show_only(browser, "measured")
     show_pose_marks(browser, False)

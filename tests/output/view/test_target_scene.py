@@ -68,7 +68,7 @@ def there(mark: Mark, places: Matrix) -> Matrix:
 def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """With the robot that made the measurements every prediction is the reading; the nominal one's are millimetres off."""
     scene = drawn(*seen(name, robots, rng))
-    assert {mark.kind for mark in scene.marks} == {each.kind for each in scene.data.readings}
+    assert {mark.kind for mark in scene.marks} == {each.sensor for each in scene.data.readings if not each.kind.beam}
     for index, mark in enumerate(scene.marks):
         np.testing.assert_allclose(there(mark, mark.predicted), there(mark, mark.read), atol=2e-6)
         before = np.linalg.norm(there(mark, scene.shifted(0, index) - mark.read), axis=1)
@@ -110,7 +110,7 @@ def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: n
     whole = whole_configurations(scene.robot, data.q)
     frames = robot.model.createData()
     placed = frame_placements(scene.targets[0], whole, data.q)
-    for mark, readings in zip(scene.marks, data.readings, strict=True):
+    for mark, readings in zip(scene.marks, [each for each in data.readings if not each.kind.beam], strict=True):
         on_link = []
         for q, T_root_frame, p in zip(whole, placed, mark.predicted, strict=True):
             pin.framesForwardKinematics(robot.model, frames, q)
@@ -123,7 +123,7 @@ def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, R
     """A ball is at the read point, at the read distance from the wire's end, on the plane, or in the one socket that was touched."""
     robot, data, _ = seen("every kind", robots, rng)
     scene = drawn(robot, data)
-    for mark, readings in zip(scene.marks, data.readings, strict=True):
+    for mark, readings in zip(scene.marks, [each for each in data.readings if not each.kind.beam], strict=True):
         read = there(mark, mark.read)
         if mark.kind == "point" and readings.target.startswith("tool0"):
             np.testing.assert_allclose(read, readings.values[readings.seen])
@@ -145,14 +145,13 @@ def test_pixels_are_drawn_as_spots_and_on_rays(robots: dict[str, Robot], rng: np
     errors, zero = random_truth(robot, rng, 0.0, 0.0)
     bare = measurements_from(robot, draw_poses(robot, errors, zero, n, rng), np.full((n, 2, 2), np.nan))
     blank, none = np.full(n, ""), np.full(n, np.nan)
-    spots = tuple(Readings("pixel", laser, laser, rng.uniform(400, 700, (n, 2)), blank, none) for laser in robot.rig.lasers)
+    spots = tuple(Readings("spot_pixel", laser, laser, rng.uniform(400, 700, (n, 2)), blank, none) for laser in robot.rig.lasers)
     scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene
     np.testing.assert_allclose(scene.data.spots[:, 1], camera.spots_of_pixels(spots[1].values))
     assert scene.marks == ()
     pixels = [np.tile((500.0, 400.0), (n, 1)) + 40 * np.array(divmod(k, 4)[::-1]) + rng.normal(0, 3, (n, 2)) for k in range(grid.corners)]
     corners = tuple(Readings("pixel", f"slm:{k}", "slm", own, blank, none) for k, own in enumerate(pixels))
-    unlit = replace(bare, lasers=(), spots=np.empty((n, 0, 2)), sigma=np.empty((n, 0)))
-    board = replace(unlit, readings=corners, camera=camera, boards={"slm": grid}, reference="panda_link0")
+    board = replace(bare, readings=corners, camera=camera, boards={"slm": grid}, reference="panda_link0")
     scene = drawn(as_measured(robot, board), board)
     assert [row.name for row in scene.compared] == ["slm pixels"]
     assert (len(scene.marks), len(scene.moving)) == (12, 4)

@@ -206,7 +206,7 @@ def test_of_very_many_poses_the_worst_are_animated() -> None:
     data, corrected = measured(robot, 700)
     spots = data.spots.copy()
     spots[123, 0] += 0.05
-    scene = Scene(robot, corrected, replace(data, spots=spots))
+    scene = Scene(robot, corrected, data.with_spots(spots))
     keys = key_frames(scene)
     assert len(keys.rows) == MOST_POSES
     assert 123 in keys.rows

@@ -21,7 +21,7 @@ from urdfcal.calibration.analysis.suggestions import (
     reading_suggestions,
     whitened,
 )
-from urdfcal.calibration.problem import model_for
+from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.start.begin import with_scale
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.estimation.identifiability import Identifiability, Observability, identify, observe
@@ -34,7 +34,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, measurements_from
-from urdfcal.sensors.spots import makes_spot, spot_jacobian, spots_on_screen
+from urdfcal.sensors.spots import beams_at, beams_of, spot_jacobian
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
 
 _SPREADS = 60 * DEG, -60 * DEG, 30 * DEG, -30 * DEG  # angles between a laser and the second one that is tried, until one is seen
@@ -108,7 +108,7 @@ def check(
     H = whitened(errors, fit_set, noise, nominal.x)
     P = posterior_of(errors, H)
     predicted = identify(errors.names, errors.mean, P, errors.sigma)
-    if fit_set.readings:
+    if fit_set.instruments.needed:
         tried = list(reading_suggestions(Trial(robot, errors, options, fit_set, noise, nominal.x), rng))
     else:
         tried = [*_tried(robot, errors, options, fit_set, noise, H, rng), *_missing_yaw(robot, errors)]
@@ -169,10 +169,7 @@ def _more_range(
 
 
 def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
-    arm = ArmKinematics(errors.chain)
-    motion = motion_at(arm, errors.placements(errors.mean, errors.sessions[0]).still(), arm.chain_positions(q))
-    _, length = spots_on_screen(motion.source, motion.direction)
-    return np.asarray(makes_spot(length, motion.direction, farthest=_REACH).all(axis=1))
+    return np.asarray(beams_at(errors, errors.mean, q).makes_spot(farthest=_REACH).all(axis=1))
 
 
 def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: Noise) -> Iterator[tuple[str, Matrix]]:
@@ -181,14 +178,13 @@ def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: No
         return
     seen = int(np.argmax(data.seen.any(axis=0)))
     arm, placed = ArmKinematics(errors.chain), errors.placements(errors.mean, errors.sessions[0])
-    own = placed.lasers[seen]
+    motion = motion_at(arm, placed, arm.chain_positions(data.q))
+    own = motion.frames[errors.chain.laser_frames[seen]]
     for angle, axis in product(_SPREADS, (X, Y)):
-        turned = own * pin.SE3(pin.exp3(axis * angle), np.zeros(3))
-        motion = motion_at(arm, replace(placed, lasers=[turned]), arm.chain_positions(data.q))
-        spots, length = spots_on_screen(motion.source, motion.direction)
-        hits = makes_spot(length, motion.direction, farthest=_REACH)
+        beams = beams_of(own[:, None, :, 3], (own[:, :, :3] @ pin.exp3(axis * angle)[:, 2])[:, None])
+        hits = beams.makes_spot(farthest=_REACH)[:, 0]
         if hits.mean() > 0.5:
-            J = (spot_jacobian(spots, motion.direction)[:, 0] @ motion.jac1)[hits[:, 0]]
+            J = (spot_jacobian(beams.spots, beams.direction)[:, 0] @ motion.jac1)[hits]
             yield (
                 f"a second beam, turned by about {abs(angle) / DEG:.0f} deg against {robot.rig.lasers[seen]}",
                 J.reshape(-1, J.shape[-1]) / noise.spot_sigma,
@@ -205,8 +201,8 @@ def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data:
     x = moved.mean.copy()
     for name, value in _MOVED_SCREEN.items():
         x[moved.names.index(f"{robot.rig.screen}:{_ELSEWHERE}.{name}")] = value
-    again = replace(data, sessions=np.full(len(data), _ELSEWHERE), spots=np.where(np.isnan(data.spots), np.nan, 0.0))
-    here = model_for(moved, again, noise).linearise(x)
+    again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
+    here = problem_of(moved, again, noise).linearise(x)
     extra = noise.weights(here).jacobian(_without_lost(here))
     wide = np.zeros((len(H), len(moved.names)))
     wide[:, [moved.names.index(name) for name in errors.names]] = H

@@ -20,7 +20,7 @@ from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.chi_squared import chi_squared_gate
@@ -33,7 +33,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
-from urdfcal.sensors.sensor import start_sigma_of
+from urdfcal.sensors.registry import start_sigma_of
 from urdfcal.sensors.stated_noise import joint_sigmas, stating_kinds
 
 WORKSPACE = 50  # configurations over which accuracy is predicted
@@ -169,7 +169,7 @@ class OnlineCalibrator:
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
         """
         pose = _one_pose(self.robot, q, spots, sigma, self._history.taken + 1)
-        here = model_for(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
+        here = problem_of(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
         self._history.taken += 1
         if not here.usable:
             return self._refuse(pose)
@@ -225,11 +225,11 @@ class OnlineCalibrator:
     def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
         data = self.measurements()
-        extra, model = self._extra, model_for(self.errors, widened(data, self._extra), noise)
+        extra, model = self._extra, problem_of(self.errors, widened(data, self._extra), noise)
         found = self._batch(model, belief, noise)
         if found.converged and stating_kinds(data) and (extra or _misfit_of(model, found).sigmas > MORE):
             extra = extra_noise(model, found.belief.x, found.noise, data, ["spot"])
-            model = model_for(self.errors, widened(data, extra), noise)
+            model = problem_of(self.errors, widened(data, extra), noise)
             found = self._batch(model, found.belief, noise)
         if not found.converged:
             return None
@@ -237,7 +237,7 @@ class OnlineCalibrator:
         self._mark(found.belief.x)
         return found.belief, replace(found.noise, stated=noise.stated)
 
-    def _batch(self, model: SpotModel, belief: Belief, noise: Noise) -> Estimate:
+    def _batch(self, model: Problem, belief: Belief, noise: Noise) -> Estimate:
         held = noise.all_stated or self._freedom(belief) < _FREEDOM
         return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
 
@@ -315,19 +315,11 @@ class _History:
 
     def measurements(self) -> Measurements:
         n = self.count
-        return Measurements(
-            joints=self.robot.chain.input_names,
-            lasers=self.robot.rig.lasers,
-            q=self.q[:n].copy(),
-            spots=self.spots[:n].copy(),
-            sigma=self.sigma[:n].copy(),
-            poses=self.labels[:n].copy(),
-            sets=np.full(n, "fit"),
-            sessions=np.full(n, ""),
-        )
+        labels = self.labels[:n].tolist()
+        return measurements_from(self.robot, self.q[:n].copy(), self.spots[:n].copy(), sigma=self.sigma[:n].copy(), poses=labels)
 
 
-def _misfit_of(model: SpotModel, found: Estimate) -> Misfit:
+def _misfit_of(model: Problem, found: Estimate) -> Misfit:
     return misfits(model.linearise(found.belief.x), found.noise, found.belief.P)[0]
 
 

@@ -22,15 +22,17 @@ import numpy as np
 
 from urdfcal.base.errors import RobotError, ShapeMismatch
 from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector, product
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import poses_in_view
 from urdfcal.calibration.result import FitResult
+from urdfcal.calibration.start.begin import aimed
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
-from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.measurements import Measurements, spot_readings
+from urdfcal.sensors.spots import beams_at
 
 _CONFIGURATIONS = 200
 
@@ -70,7 +72,7 @@ def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.
 
 def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:
     """How far off the spots still are over the workspace, by the fit's covariance; None where no laser was seen."""
-    if not calibration.data.seen.any():
+    if not aimed(calibration.data):
         return None
     errors, x = calibration.errors, calibration.x
     q = poses_in_view(robot, errors, x, calibration.data, rng)
@@ -129,7 +131,7 @@ def spot_accuracy(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) 
     sigma = spot_sigma(errors, covariance, x, q)
     own = [column[np.isfinite(column)] for column in sigma.T]
     levels = np.array([np.quantile(column, (0.5, 0.95, 1.0)) if len(column) else np.full(3, np.nan) for column in own])
-    return SpotAccuracy(_lasers(errors), tuple(len(column) for column in own), *levels.T)
+    return SpotAccuracy(errors.chain.laser_names, tuple(len(column) for column in own), *levels.T)
 
 
 def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
@@ -165,12 +167,10 @@ def spread(jacobian: Array3 | Array4, covariance: Matrix) -> Matrix:
 
 def spot_jacobians(errors: ErrorModel, x: Vector, q: Matrix) -> Array4:
     """Derivative of every spot by the parameters, (n, lasers, 2, p); nan where a beam does not meet the screen."""
-    model = SpotModel(errors, _all_seen(errors, np.asarray(q, dtype=float)))
-    lengths = model.predict(errors.check(x))[1]
-    n, lasers = lengths.shape
-    jacobian = model.linearise(errors.check(x)).jacobian.reshape(n, lasers, 2, len(errors.names))
-    meets = (lengths > 0) & np.isfinite(lengths)
-    return np.where(meets[..., None, None], jacobian, np.nan)
+    q = np.asarray(q, dtype=float)
+    n, lasers = len(q), errors.chain.laser_names
+    jacobian = Problem(errors, _all_seen(errors, q)).linearise(errors.check(x)).jacobian.reshape(n, len(lasers), 2, len(errors.names))
+    return np.where(beams_at(errors, x, q).meets[..., None, None], jacobian, np.nan)
 
 
 def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Matrix) -> Array3:
@@ -229,9 +229,8 @@ class ToolWay:
     def columns(self, errors: ErrorModel) -> list[int]:
         """The parameters that move the tool against the base."""
         passed = {joint.name for joint in self.joints}
-        bare = any(way[0].name in passed for way in errors.chain.laser_joints)  # a module that is the moving link is corrected there
-        slots = [slot for slot in errors.slots if not slot.before and (bare if slot.joint is None else slot.joint in passed)]
-        moving = {f"{slot.label}.{name}" for slot in slots for name in slot.names}
+        slots = [slot for slot in errors.slots if slot.kind != "screen" or not slot.before]
+        moving = {f"{slot.label}.{name}" for slot in slots if passed.intersection(slot.joints) for name in slot.names}
         return [column for column, name in enumerate(errors.names) if name in moving]
 
     def points(self, frames: Array3, placed: Placements, corrected: dict[str, SE3]) -> Matrix:
@@ -271,18 +270,12 @@ def _first_calibrated(robot: Robot, link: str) -> int | None:
 
 def _all_seen(errors: ErrorModel, q: Matrix) -> Measurements:
     """Poses at which every beam counts, wherever it falls."""
-    n, lasers = len(q), _lasers(errors)
+    n = len(q)
     return Measurements(
         joints=errors.chain.input_names,
-        lasers=lasers,
         q=q,
-        spots=np.zeros((n, len(lasers), 2)),
-        sigma=np.full((n, len(lasers)), np.nan),
+        readings=spot_readings(errors.chain.laser_names, np.zeros((n, len(errors.chain.laser_names), 2))),
         poses=np.arange(n).astype(str),
         sets=np.full(n, "fit"),
         sessions=np.full(n, errors.sessions[0]),
     )
-
-
-def _lasers(errors: ErrorModel) -> tuple[str, ...]:
-    return tuple(way[-1].child for way in errors.chain.laser_joints)

@@ -18,12 +18,12 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.error_table import error_table, main_unit
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
-from urdfcal.estimation.ekf import Belief, Estimate, Linearise, iterated_schedule
+from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.residual import Linearisation, Linearise
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
@@ -167,7 +167,7 @@ class _Fitted:
 
     errors: ErrorModel
     estimate: Estimate
-    model: SpotModel
+    model: Problem
     terms: tuple[Term, ...] = ()
 
     @property
@@ -203,7 +203,7 @@ class _Setup:
     def alone(self) -> _Fitted:
         """The geometry-only calibration, as if it had been made here."""
         errors = self.calibration.errors
-        return _Fitted(errors, self.calibration.estimate, model_for(errors, self.data, self.noise))
+        return _Fitted(errors, self.calibration.estimate, problem_of(errors, self.data, self.noise))
 
     def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
         """Geometry and some terms together."""
@@ -211,13 +211,14 @@ class _Setup:
         known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
         known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
         x = np.array([known.get(name, 0.0) for name in errors.names])
-        model = model_for(errors, self.data, self.noise)
+        model = problem_of(errors, self.data, self.noise)
         first = _run(model.linearise, errors, self.noise, x)
         chosen = self.calibration.evidence
         if chosen is not None and first.converged:
             keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
-            errors, first, _ = by_evidence(model.linearise, errors, self.noise, first, keep)
-            model = model_for(errors, self.data, self.noise)
+            prior, first, _ = by_evidence(model.linearise, errors.prior(keep), self.noise, first)
+            errors = errors.with_prior(prior)
+            model = problem_of(errors, self.data, self.noise)
         return _Fitted(errors, first, model, terms)
 
     def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
@@ -308,8 +309,8 @@ def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, uni
     """
     kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
     noise = replace(fitted.estimate.noise, stated=True)
-    found = _run(model_for(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
-    here = SpotModel(fitted.errors, data.subset(rows)).linearise(found.belief.x)
+    found = _run(problem_of(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
+    here = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
     own = [row for row in error_table(here, len(rows)).values() if row.unit == unit]
     weighed = (here.residual / usual.of_numbers(here))[: len(rows)][here.measured[: len(rows)]]
     return sum(row.n * (row.mean**2 + row.std**2) for row in own), sum(row.n for row in own), float(weighed @ weighed)

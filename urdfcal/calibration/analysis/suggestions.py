@@ -11,23 +11,21 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
-from urdfcal.calibration.problem import model_for, seen_motion
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.estimation.ekf import Belief, compress, update
 from urdfcal.estimation.identifiability import identify
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, as_measured, start_sigma
-from urdfcal.sensors.readings import Readings
+from urdfcal.sensors.readings import Readings, blank_readings
 
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 
@@ -51,7 +49,7 @@ class Suggestion:
 
 def whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) -> Matrix:
     """Jacobian of everything that was measured, in units of its noise, (m, p)."""
-    here = model_for(errors, data, noise).linearise(x)
+    here = problem_of(errors, data, noise).linearise(x)
     return noise.weights(here).jacobian(here)
 
 
@@ -117,7 +115,7 @@ def reading_suggestions(trial: Trial, rng: np.random.Generator) -> Iterator[Sugg
     H = trial.rows(trial.data)
     same = posterior_of(trial.errors, np.vstack([H, H]))
     known, before = set(determined_names(trial.errors, same)), open_share(trial.errors, same)
-    if trial.data.readings and all(each.kind in _ANYWHERE for each in trial.data.readings) and not trial.data.lasers:
+    if all(each.sensor in _ANYWHERE for each in trial.data.readings):
         for words, further in _more_range(trial, rng):
             yield from if_worth(trial.errors, words, before, posterior_of(trial.errors, np.vstack([H, trial.rows(further)])), known)
     for words, P in _orientations(trial):
@@ -143,14 +141,14 @@ def _more_range(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, M
 
 def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
     """Readings that leave no residual to speak of; only an orientation's derivative depends on it."""
-    return replace(own, values=predicted_axes(trial, data, own.target)) if own.kind == "orientation" else own
+    return replace(own, values=predicted_axes(trial, data, own.target)) if own.sensor == "orientation" else own
 
 
 def _orientations(trial: Trial) -> Iterator[tuple[str, Matrix]]:
     """The same poses with the orientation of a target read, too, where only its place was."""
-    turned = {each.target for each in trial.data.readings if each.kind == "orientation"}
+    turned = {each.target for each in trial.data.readings if each.sensor == "orientation"}
     for own in trial.data.readings:
-        if own.kind != "point" or own.target in turned:
+        if own.sensor != "point" or own.target in turned:
             continue
         values = np.where(own.seen[:, None], predicted_axes(trial, trial.data, own.target), np.nan)
         nothing = np.full(len(values), np.nan)
@@ -172,12 +170,6 @@ def _posterior_with(trial: Trial, data: Measurements) -> Matrix:
 
 def predicted_axes(trial: Trial, data: Measurements, target: str) -> Matrix:
     """Orientation of a target in its measuring frame at some poses, as unit quaternions x, y, z, w, (n, 4)."""
-    arm, names = ArmKinematics(trial.errors.chain), [frame.name for frame in trial.errors.chain.frames]
-    positions, frame = arm.chain_positions(data.q), 1 + names[1:].index(target)
-    found = np.empty((len(data), 4))
-    for session in trial.errors.sessions:
-        rows = np.flatnonzero(data.sessions == session) if len(trial.errors.sessions) > 1 else np.arange(len(data))
-        placed = trial.errors.placements(trial.x, session)
-        _, R, _, _ = seen_motion(trial.errors, motion_at(arm, placed, positions[rows]), placed, frame)
-        found[rows] = [pin.Quaternion(axes).coeffs() for axes in R]
-    return found
+    blank = replace(data, readings=(blank_readings("orientation", target, target, len(data)),), lengths=())
+    axes: Matrix = Problem(trial.errors, blank).read(trial.x)[0]
+    return axes

@@ -24,7 +24,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.calibration.error_table import SpotTable, error_table, rms_mm
 from urdfcal.calibration.fitting import fit
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import CrossValidation, FitResult
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.estimation.ekf import Belief, degrees_of_freedom, posterior
@@ -92,12 +92,12 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
         errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
-        here = SpotModel(errors, out).linearise(x)
+        here = Problem(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
         after.take(here, held)
         rms.append(rms_mm(error_table(here, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
-    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), not data.readings)
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots)
 
 
 class _Gathered:
@@ -169,8 +169,8 @@ class _Comparison:
 
 def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
-    here = model_for(errors, calibration.data, noise).linearise(calibration.x)
-    there = model_for(errors, test, noise).linearise(calibration.x)
+    here = problem_of(errors, calibration.data, noise).linearise(calibration.x)
+    there = problem_of(errors, test, noise).linearise(calibration.x)
     prior = Belief.independent(errors.mean, errors.sigma)
     P = posterior(here, prior, noise)  # every measurement counted once, whatever the estimator's own
     if not noise.all_stated:

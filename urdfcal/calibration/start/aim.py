@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import MM, Array3, Array4, Mask, Matrix, Vector
-from urdfcal.calibration.problem import SpotModel
-from urdfcal.model.jacobian import LaserMotion, motion_at
+from urdfcal.calibration.problem import Problem
+from urdfcal.model.jacobian import motion_at
+from urdfcal.sensors.spots import Beams, beams_in
 
 _RAYLEIGH = 1.1774  # median length of a two-dimensional Gaussian of unit sigma
 _REACH = 2.5  # [scales] misses well beyond this lose their say (Cauchy's weight)
@@ -84,22 +85,22 @@ class Wanted:
         return float(np.sum(((x - self.mean) / self.sigma)[self.free] ** 2))
 
 
-def misses(model: SpotModel, x: Vector, derivatives: bool = True) -> Misses:
+def misses(model: Problem, x: Vector, derivatives: bool = True) -> Misses:
     """How far every beam that was seen points past its spot at x."""
     n, lasers = model.data.seen.shape
-    errors = model.errors
+    errors, chain = model.errors, model.errors.chain
     p = len(errors.names) if derivatives else 0
     e, distance, jacobian = np.empty((n, lasers, 3)), np.empty((n, lasers)), np.empty((n, lasers, 3, p))
     placed = {session: errors.placements(x, session) for session in errors.sessions}
     for session, rows in model.parts:
-        motion = motion_at(model.arm, placed[session] if derivatives else placed[session].still(), model.positions[rows])
-        e[rows], distance[rows], jacobian[rows] = _missed(motion, model.data.spots[rows])
-    if derivatives and model.blind is not None:
-        jacobian[:, np.broadcast_to(model.blind[::2, None], (lasers, 3, p))] = 0.0
+        own = placed[session] if derivatives else placed[session].still()
+        motion = motion_at(model.arm, own, model.positions[rows])
+        jac1 = motion.jac1[:, None] * own.moves[chain.laser_frames][:, None]
+        e[rows], distance[rows], jacobian[rows] = _missed(beams_in(chain, motion), jac1, model.data.spots[rows])
     return Misses(e, distance, jacobian)
 
 
-def aim_fit(model: SpotModel, wanted: Wanted, x: Vector, iterations: int = 40) -> AimFit:
+def aim_fit(model: Problem, wanted: Wanted, x: Vector, iterations: int = 40) -> AimFit:
     """Turn the beams towards the spots: Levenberg-Marquardt with Cauchy's weights, the scale from the median miss.
 
     Args:
@@ -125,7 +126,7 @@ def aim_fit(model: SpotModel, wanted: Wanted, x: Vector, iterations: int = 40) -
     return AimFit(x, scale)
 
 
-def aim_cost(model: SpotModel, wanted: Wanted, x: Vector, scale: float) -> float:
+def aim_cost(model: Problem, wanted: Wanted, x: Vector, scale: float) -> float:
     """Robust cost of a state, data and prior together, where a spot coordinate has the given standard deviation [m]."""
     here = misses(model, x, derivatives=False)
     return _Weighing(here.distance, scale, model.data.seen, trust=1.0).cost(here) + wanted.pull(x)
@@ -148,13 +149,14 @@ class _Weighing:
         return np.asarray(np.sum(at.e**2, axis=-1) * self.lever**2)
 
 
-def _missed(motion: LaserMotion, spots: Array3) -> tuple[Array3, Matrix, Array4]:
+def _missed(beams: Beams, jac1: Array4, spots: Array3) -> tuple[Array3, Matrix, Array4]:
+    """What beams miss their spots by, how far those are, and the derivative, given the twists of every laser (n, lasers, 6, p)."""
     seen = ~np.isnan(spots[..., 0])
-    p, z = motion.source, motion.direction
+    p, z = beams.source, beams.direction
     to_spot = np.concatenate([np.zeros((*seen.shape, 1)), spots], axis=-1) - p
     distance = np.where(seen, np.maximum(np.linalg.norm(to_spot, axis=-1), _LEAST_DISTANCE), 1.0)
     u = np.where(seen[..., None], to_spot / distance[..., None], z)
-    v, w = motion.jac1[:, None, :3], motion.jac1[:, None, 3:]
+    v, w = jac1[:, :, :3], jac1[:, :, 3:]
     moved = (v + _cross(w, p)) / distance[..., None, None]
     along = np.einsum("nlk,nlkp->nlp", u, moved)
     jacobian = _cross(w, z) + moved - u[..., None] * along[:, :, None]
@@ -162,7 +164,7 @@ def _missed(motion: LaserMotion, spots: Array3) -> tuple[Array3, Matrix, Array4]
 
 
 def _cross(w: Array4, a: Array3) -> Array4:
-    """W x a for columns w (n, 1, 3, p) and vectors a (n, lasers, 3): (n, lasers, 3, p)."""
+    """W x a for columns w (n, lasers, 3, p) and vectors a (n, lasers, 3): (n, lasers, 3, p)."""
     x, y, z = (a[:, :, axis, None] for axis in range(3))
     wx, wy, wz = (w[:, :, axis] for axis in range(3))
     return np.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=2)

@@ -14,7 +14,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Vector
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.hypotheses import Hypothesis, best_hypothesis, best_reading_hypothesis, readings_explained
 from urdfcal.calibration.start.rig_search import INCREDIBLE, Start, find_start
 from urdfcal.estimation.ekf import Belief, Estimate
@@ -22,12 +22,12 @@ from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements, as_spots
-from urdfcal.sensors.sensor import start_sigma_of
+from urdfcal.sensors.registry import start_sigma_of
 
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
-def explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
+def explains(model: Problem, found: Estimate, noise: Noise) -> bool:
     """Whether a fit from the prior put most spots where they were seen and believes nothing that the prior does not.
 
     Else the start or the data need a second look: a robot shrunk to nothing explains spots in the wrong unit, and a module that is
@@ -35,12 +35,19 @@ def explains(model: SpotModel, found: Estimate, noise: Noise) -> bool:
     """
     if np.any(np.abs(found.belief.x - model.errors.mean) > INCREDIBLE * model.errors.sigma):
         return False
-    distance = np.linalg.norm(model.predict(found.belief.x)[0] - model.data.spots, axis=-1)
+    here = model.linearise(found.belief.x)
+    beams = [index for index, channel in enumerate(model.channels) if channel.sensor.name == "spot"]
+    distances = [np.linalg.norm(here.residual[:, here.blocks[index].columns], axis=1)[here.made[:, index]] for index in beams]
     near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
-    return found.converged and bool(np.nanmedian(distance) < near)
+    return found.converged and bool(np.median(np.concatenate(distances)) < near)
 
 
-def begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
+def aimed(data: Measurements) -> bool:
+    """Whether beams were seen on the screen in metres, so that they can be turned towards their spots."""
+    return any(each.sensor == "spot" and each.seen.any() for each in data.readings)
+
+
+def begin(model: Problem, noise: Noise, sane: bool) -> Start:
     """Where to begin when the prior is too far off: where the rig is found to be; data with a common mistake in them are refused.
 
     Raises:
@@ -52,7 +59,7 @@ def begin(model: SpotModel, noise: Noise, sane: bool) -> Start:
     return begun
 
 
-def require_sane_readings(errors: ErrorModel, model: SpotModel, found: Estimate, noise: Noise) -> None:
+def require_sane_readings(errors: ErrorModel, model: Problem, found: Estimate, noise: Noise) -> None:
     """Refuse readings of instruments beside lasers that a common mistake explains far better.
 
     Args:
@@ -64,7 +71,7 @@ def require_sane_readings(errors: ErrorModel, model: SpotModel, found: Estimate,
     Raises:
         FitRejected: names the mistake.
     """
-    if any(not model.data.of_laser(each) for each in model.data.readings) and not readings_explained(model, found, noise):
+    if any(not each.kind.beam for each in model.data.readings) and not readings_explained(model, found, noise):
         _refuse(best_reading_hypothesis(errors, model.data, noise))
 
 
@@ -73,17 +80,17 @@ def _refuse(mistake: Hypothesis | None) -> None:
         raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
 
 
-def require_beams_on_screen(model: SpotModel, x: Vector) -> None:
+def require_beams_on_screen(model: Problem, x: Vector) -> None:
     """Stop where a beam that was seen does not meet the screen in the model.
 
     Raises:
         FitRejected: names pose and laser.
     """
-    missing = model.unreached(x)
-    if missing is not None:
-        pose, laser = missing
+    lost = model.linearise(x).lost
+    if lost is not None and lost.any():
+        pose, index = np.argwhere(lost)[0].tolist()
         raise FitRejected(
-            f"{model.data.where(pose)}: {model.data.lasers[laser]} was seen, but in the model its beam does not meet the screen; "
+            f"{model.data.where(pose)}: {model.data.readings[index].target} was seen, but in the model its beam does not meet the screen; "
             "check the mount of the module, the screen's placement and the joints' units and signs",
             forceable=False,
         )
@@ -98,8 +105,7 @@ def with_scale(errors: ErrorModel, data: Measurements) -> tuple[ErrorModel, str]
     Returns:
         The error model, and what was held, in words; the empty string if the measurements have a scale.
     """
-    kinds = {each.kind for each in data.readings}
-    if data.lasers or not kinds or kinds - {"socket", "plane"} or data.lengths:
+    if data.lengths or not data.readings or not all(each.kind.touches for each in data.readings):
         return errors, ""
     first = errors.chain.moving[0].joint.name
     lengths = {name: length for name, length in _lengths(errors) if name in errors.names and not name.startswith(f"{first}.")}
@@ -117,8 +123,8 @@ def _lengths(errors: ErrorModel) -> Iterator[tuple[str, float]]:
     """How far each joint's origin lies along each of its slot's translations, by parameter, [m]."""
     joints = {step.joint.name: step.joint for step in errors.chain.moving}
     for slot in errors.slots:
-        if slot.kind == "joint" and slot.joint is not None:
-            origin = joints[slot.joint].origin
+        if slot.kind == "joint":
+            origin = joints[slot.joints[0]].origin
             along = origin.rotation.T @ origin.translation
             for name, screw in zip(slot.names, slot.screws.T, strict=True):
                 if not np.any(screw[3:]):
@@ -130,8 +136,8 @@ def start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: 
     spots = as_spots(data)
     rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))
     alone = Noise(start_sigma_of("spot"), noise.joint_sigma, False)
-    model = model_for(rest, spots, noise)
-    found = Method().run(model, Belief.independent(rest.mean, rest.sigma), alone)
+    model = problem_of(rest, spots, noise)
+    found = Method().run(model.linearise, Belief.independent(rest.mean, rest.sigma), alone)
     x = found.belief.x if explains(model, found, alone) else begin(model, alone, sane).x
     known = dict(zip(rest.names, x, strict=True))
     return np.array([known.get(parameter.name, parameter.mean) for parameter in errors.parameters])

@@ -16,7 +16,7 @@ import pinocchio as pin
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import matrices
-from urdfcal.calibration.problem import seen_motion
+from urdfcal.calibration.problem import seen_placement
 from urdfcal.calibration.start.closed_form import (
     camera_before,
     common_point,
@@ -126,8 +126,8 @@ def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
 
 def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     by_target: dict[str, dict[str, Readings]] = {}
-    for each in data.readings:
-        by_target.setdefault(each.target, {})[each.kind] = each
+    for each in (each for each in data.readings if not each.kind.beam):
+        by_target.setdefault(each.target, {})[each.sensor] = each
     yield from _boards(errors, data)
     for target, kinds in by_target.items():
         points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
@@ -152,7 +152,7 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     import cv2
 
     for board, grid in data.boards.items():
-        corners = [each for each in data.readings if each.link == board and each.kind == "pixel"]
+        corners = [each for each in data.readings if each.link == board and each.sensor == "pixel"]
         seen = np.array([each.seen for each in corners]).reshape(len(corners), len(data))
         grid_points = np.array([grid.at(int(each.target.partition(":")[2])) for each in corners])
         for session in errors.sessions:
@@ -187,9 +187,8 @@ def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[
     """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
     arm = ArmKinematics(errors.chain)
     placed = errors.placements(errors.mean, session).still()
-    motion = motion_at(arm, placed, arm.chain_positions(q), joints=True)
-    index = [frame.name for frame in errors.chain.frames].index(target, 1)
-    origin, axes, _, _ = seen_motion(errors, motion, placed, index)
+    frames = motion_at(arm, placed, arm.chain_positions(q)).frames
+    origin, axes = seen_placement(frames, errors.chain.frame_index("target", target), errors.chain.measuring_frame)
     return axes, origin
 
 
@@ -232,7 +231,7 @@ def _frame(view: _Seen, X: SE3) -> SE3:
 
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
-    for each in (each for each in data.readings if each.kind == "pixel" and not data.of_laser(each) and each.link not in data.boards):
+    for each in (each for each in data.readings if each.sensor == "pixel" and each.link not in data.boards):
         for session in errors.sessions:
             rows = np.flatnonzero(each.seen & (_of_session(errors, data.sessions, session)))
             if session in known.frames or len(rows) < _LEAST_PIXELS:
@@ -245,7 +244,7 @@ def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> Non
 def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
     for each in data.readings:
-        if each.kind == "socket" and each.target not in known.offsets and each.seen.any():
+        if each.sensor == "socket" and each.target not in known.offsets and each.seen.any():
             rows = np.flatnonzero(each.seen)
             _require_a_return(data)
             R, b = _per_session(errors, data, each.target, rows)
@@ -259,7 +258,7 @@ def _require_a_return(data: Measurements) -> None:
     Raises:
         UsageError: naming the first pose and its socket.
     """
-    if data.lasers or any(each.kind != "socket" for each in data.readings):
+    if any(each.sensor != "socket" for each in data.readings):
         return
     touches = [(pose, str(each.labels[pose])) for each in data.readings for pose in np.flatnonzero(each.seen)]
     if touches and len({label for _, label in touches}) == len(touches):
@@ -290,14 +289,14 @@ def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
         if not len(rows):
             continue
         _, p = _per_session(errors, data, each.target, rows)
-        if each.kind == "distance":
+        if each.sensor == "distance":
             means |= _named(each.places[0].name, wire_end(p, each.values[rows, 0]))
             continue
         for label, place in zip(each.touched, each.places, strict=True):
             if place.name in errors.planes:
                 continue  # known already, and what is held refers to its axes
             own = p[each.labels[rows] == label]
-            if each.kind == "socket":
+            if each.sensor == "socket":
                 means |= _named(place.name, own.mean(axis=0))
             else:
                 _require_touches(data, rows[each.labels[rows] == label], label)

@@ -22,7 +22,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Mask, Vector
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
 from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings, mistakes_of_spots
 from urdfcal.calibration.start.nominal import nominal_fit
@@ -37,9 +37,8 @@ from urdfcal.calibration.start.rig_search import (
     turned_round,
 )
 from urdfcal.estimation.ekf import Belief, Estimate
-from urdfcal.estimation.estimators import observations_of
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
-from urdfcal.estimation.robust import kind_scales, reweighted, squared_distances
+from urdfcal.estimation.robust import Observations, kind_scales, reweighted, squared_distances
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements, start_sigma
 
@@ -136,7 +135,7 @@ def times_better(stands: Judged, untouched: float, named: Judged, least: float) 
     return factor if factor >= _BETTER else 1.0
 
 
-def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
+def best_hypothesis(model: Problem, noise: Noise) -> Hypothesis | None:
     """The mistake that explains the data many times better than none does, if there is one.
 
     Meant for data that `find_start` finds implausible; on others it gives None after one quick fit.
@@ -151,7 +150,7 @@ def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
         stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
         if stands.scale < plausible_scale(noise) and stands.credible:
             return None
-        trials = [_spot_trial(mistake.undone, SpotModel(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
+        trials = [_spot_trial(mistake.undone, Problem(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
         untouched = aim_fit(model, wanted, errors.mean, iterations=0).scale
         for named in best_of(trials, wanted.least)[:1]:
             times = times_better(stands, untouched, named, wanted.least)
@@ -160,14 +159,14 @@ def best_hypothesis(model: SpotModel, noise: Noise) -> Hypothesis | None:
     return None
 
 
-def _instead(model: SpotModel, wanted: Wanted, best: Judged) -> str:
+def _instead(model: Problem, wanted: Wanted, best: Judged) -> str:
     """A rig that is turned round and explains the data as they stand as well as the mistake does, in words."""
     fits = (aim_fit(model, wanted, x, _THOROUGH) for x in tilted(model.errors, np.pi))
     alike = (fit for fit in fits if fit.scale < _ALIKE * max(best.scale, wanted.least))
     return next((words for fit in alike if (words := turned_round(model.errors, fit.x))), "")
 
 
-def _spot_trial(undone: str, model: SpotModel, wanted: Wanted) -> _SpotTrial:
+def _spot_trial(undone: str, model: Problem, wanted: Wanted) -> _SpotTrial:
     return _SpotTrial(undone, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
 
 
@@ -176,7 +175,7 @@ class _SpotTrial:
     """A mistake in spots or joints undone, and a quick fit."""
 
     undone: str
-    model: SpotModel
+    model: Problem
     wanted: Wanted
     quick: AimFit
 
@@ -190,7 +189,7 @@ class _SpotTrial:
         return Judged(self.undone, fit.scale, cost, credible(self.model.errors, fit.x))
 
 
-def readings_explained(model: SpotModel, found: Estimate, noise: Noise) -> bool:
+def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
     """Whether a fit put most readings where they were made and believes nothing of the joints that the prior does not.
 
     Args:
@@ -240,7 +239,7 @@ class _Trial:
     """
 
     undone: str
-    model: SpotModel | None
+    model: Problem | None
     x: Vector
     noise: Noise
     shrunk: float
@@ -252,7 +251,7 @@ class _Trial:
             return Judged(self.undone, np.inf, lambda _: np.inf, False)
         errors = self.model.errors
         prior = Belief.independent(errors.mean, errors.sigma)
-        x = reweighted(observations_of(self.model), prior, self.noise, start=self.x).belief.x
+        x = reweighted(Observations.of(self.model.linearise, self.x), prior, self.noise, start=self.x).belief.x
         of_joints = _of_joints(errors)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
@@ -267,7 +266,7 @@ def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistak
         nominal = nominal_fit(errors, some, noise, _QUICK_READINGS)
     except FitRejected:  # a camera that no place suits
         return _Trial(mistake.undone, None, errors.mean, noise, shrunk, np.inf)
-    model = model_for(nominal.errors, some, noise)
+    model = problem_of(nominal.errors, some, noise)
     return _Trial(mistake.undone, model, nominal.x, noise, shrunk, shrunk * _left_over(model, nominal.x, noise))
 
 
@@ -282,7 +281,7 @@ def _of_joints(errors: ErrorModel) -> Mask:
     return np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
 
 
-def _left_over(model: SpotModel, x: Vector, noise: Noise) -> float:
+def _left_over(model: Problem, x: Vector, noise: Noise) -> float:
     """Robust scale of what is left over at x, in units of the stated or the usual noise, whichever is larger; the worst of the kinds."""
     here = model.linearise(x)
     if not np.isfinite(here.residual).all():

@@ -81,13 +81,13 @@ def mistakes_of_readings(data: Measurements) -> Iterator[Mistake]:
 
     The measuring frame stands anywhere, so that axes that were swapped are the same as one that was mirrored: a left-handed frame.
     """
-    kinds = {each.kind for each in data.readings if not data.of_laser(each)}
+    kinds = {each.sensor for each in data.readings}
     for kind, changes in (("point", _of_points()), ("distance", _of_lengths("distances")), ("orientation", _of_orientations())):
         if kind in kinds:
             yield from _undone_by(kind, changes)
     if "pixel" in kinds:
         yield from _undone_by("pixel", _of_pixels(*data.camera.size))
-    if "orientation" in kinds and any(each.kind == "point" and _has_axes(each, data) for each in data.readings):
+    if "orientation" in kinds and any(each.sensor == "point" and _has_axes(each, data) for each in data.readings):
         yield Mistake("the poses inverted (the measuring frame as seen from the target)", _poses_inverted)
     yield from _of_targets(data)
 
@@ -146,8 +146,8 @@ def _of_pixels(width: int, height: int) -> dict[str, Values]:
 
 def _of_targets(data: Measurements) -> Iterator[Mistake]:
     """Targets on different links that were read for each other."""
-    links = {each.target: each.link for each in data.readings if not data.of_laser(each) and each.link not in data.boards}
-    kinds = {target: {each.kind for each in data.readings if each.target == target} for target in links}
+    links = {each.target: each.link for each in data.readings if not each.kind.beam and each.link not in data.boards}
+    kinds = {target: {each.sensor for each in data.readings if each.target == target} for target in links}
     for one, other in combinations(links, 2):
         if links[one] != links[other] and kinds[one] == kinds[other]:
             yield Mistake(f"{one} and {other} swapped", partial(_targets_swapped, one, other))
@@ -155,7 +155,7 @@ def _of_targets(data: Measurements) -> Iterator[Mistake]:
 
 def _lasers_swapped(one: int, other: int, data: Measurements) -> Measurements:
     order = _swapped(len(data.lasers), one, other)
-    return replace(data, spots=data.spots[:, order], sigma=data.sigma[:, order])
+    return data.with_spots(data.spots[:, order], data.sigma[:, order])
 
 
 def _joints_swapped(one: int, other: int, data: Measurements) -> Measurements:
@@ -173,7 +173,7 @@ def _turned(matrix: Matrix, spots: Matrix) -> Matrix:
 
 
 def _spots_changed(change: Values, data: Measurements) -> Measurements:
-    return replace(data, spots=change(data.spots))
+    return data.with_spots(change(data.spots))
 
 
 def _moved(columns: Columns, factor: float, shift: float, data: Measurements) -> Measurements:
@@ -187,13 +187,10 @@ def _rows_shifted(shift: int, data: Measurements) -> Measurements:
 
 
 def _values_through(kind: str, change: Values, data: Measurements) -> Measurements:
-    """All readings of a kind changed; the pixels of lasers are left alone."""
+    """All readings of a sensor changed."""
     return replace(
         data,
-        readings=tuple(
-            replace(each, values=np.asarray(change(each.values))) if each.kind == kind and not data.of_laser(each) else each
-            for each in data.readings
-        ),
+        readings=tuple(replace(each, values=np.asarray(change(each.values))) if each.sensor == kind else each for each in data.readings),
     )
 
 
@@ -205,16 +202,16 @@ def _angles_of(quaternions: Matrix) -> Matrix:
 
 
 def _has_axes(point: Readings, data: Measurements) -> bool:
-    return any(each.kind == "orientation" and each.target == point.target for each in data.readings)
+    return any(each.sensor == "orientation" and each.target == point.target for each in data.readings)
 
 
 def _poses_inverted(data: Measurements) -> Measurements:
-    axes = {each.target: each for each in data.readings if each.kind == "orientation"}
+    axes = {each.target: each for each in data.readings if each.sensor == "orientation"}
 
     def inverted(each: Readings) -> Readings:
-        if each.kind == "orientation":
+        if each.sensor == "orientation":
             return replace(each, values=each.values * _CONJUGATE)
-        if each.kind != "point" or each.target not in axes:
+        if each.sensor != "point" or each.target not in axes:
             return each
         return replace(each, values=-np.einsum("nij,ni->nj", matrices(axes[each.target].values), each.values))
 
@@ -222,11 +219,11 @@ def _poses_inverted(data: Measurements) -> Measurements:
 
 
 def _targets_swapped(one: str, other: str, data: Measurements) -> Measurements:
-    own = {(each.kind, each.target): each for each in data.readings}
+    own = {(each.sensor, each.target): each for each in data.readings}
     partner = {one: other, other: one}
 
     def swapped(each: Readings) -> Readings:
-        read = own[each.kind, partner.get(each.target, each.target)]
+        read = own[each.sensor, partner.get(each.target, each.target)]
         return replace(each, values=read.values, labels=read.labels, sigma=read.sigma)
 
     return replace(data, readings=tuple(swapped(each) for each in data.readings))

@@ -12,7 +12,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.error_table import SpotTable, error_table
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.frames import instruments_alone, place_instruments, with_places
 from urdfcal.estimation.ekf import Belief, iterated_schedule
 from urdfcal.estimation.noise import Noise
@@ -49,7 +49,7 @@ class NominalFit:
         """Residuals of the uncalibrated robot."""
         with np.errstate(invalid="ignore"):
             errors, x = with_new_places(self.alone, self.instruments, data, self.noise)
-            return SpotModel(errors, data).linearise(x)
+            return Problem(errors, data).linearise(x)
 
     def table(self, data: Measurements) -> SpotTable:
         """Distances of the uncalibrated robot."""
@@ -65,12 +65,11 @@ def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps
         noise: Of the measurements, or where its estimation starts.
         max_sweeps: How many sweeps of least squares are allowed; the filter's own default if None.
     """
-    if data.readings:
-        errors = place_instruments(errors, data)
+    errors = place_instruments(errors, data)
     alone, x = instruments_alone(errors), errors.mean.copy()
     if alone.names:
         prior = Belief.independent(alone.mean, alone.sigma)
-        found = iterated_schedule(model_for(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
+        found = iterated_schedule(problem_of(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
         x[[errors.names.index(name) for name in alone.names]] = found
         return NominalFit(errors, alone, found, x, noise)
     return NominalFit(errors, alone, np.empty(0), x, noise)
@@ -94,7 +93,7 @@ def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: No
     held = {**errors.held, **dict(zip(errors.names, x.tolist(), strict=True))}
     there = with_places(replace(errors, parameters=parameters, held=held), data)
     prior = Belief.independent(there.mean, there.sigma)
-    found = iterated_schedule(model_for(there, data, noise).linearise, prior, replace(noise, stated=True))
+    found = iterated_schedule(problem_of(there, data, noise).linearise, prior, replace(noise, stated=True))
     return there, found.belief.x
 
 
@@ -107,7 +106,7 @@ def evaluate(robot: Robot, data: Measurements, options: ModelOptions | None = No
         options: Of which only what concerns the instruments matters.
     """
     robot = as_measured(robot, data)
-    errors = _with_instruments(robot, data, options or ModelOptions()) if data.readings else _bare(robot, data)
+    errors = _with_instruments(robot, data, options or ModelOptions()) if data.instruments.needed else _bare(robot, data)
     return nominal_fit(errors, data, noise_of(data, {}, np.zeros(len(robot.chain.inputs)))).table(data)
 
 
@@ -122,14 +121,13 @@ def _bare(robot: Robot, data: Measurements) -> ErrorModel:
 
 def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
-    _, length = SpotModel(_bare(robot, data), data).predict(np.empty(0))
-    with np.errstate(invalid="ignore"):
-        lost = data.seen & ~((length > 0) & np.isfinite(length))
-    if not lost.any():
+    data = replace(data, readings=tuple(each for each in data.readings if each.kind.beam), lengths=())
+    lost = Problem(_bare(robot, data), data).linearise(np.empty(0)).lost
+    if lost is None or not lost.any():
         return ()
-    pose, laser = np.argwhere(lost)[0]
+    pose, index = np.argwhere(lost)[0].tolist()
     return (
-        f"{data.where(int(pose))}: {data.lasers[laser]} was seen, but in this robot its beam points away from the screen "
+        f"{data.where(pose)}: {data.readings[index].target} was seen, but in this robot its beam points away from the screen "
         f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
     )
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_fit
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel, parameters_of
@@ -55,7 +55,7 @@ class Start:
     plausible: bool = True
 
 
-def find_start(model: SpotModel, noise: Noise) -> Start:
+def find_start(model: Problem, noise: Noise) -> Start:
     """Find a state from which the iterated fit converges.
 
     Args:
@@ -160,7 +160,7 @@ class _Group:
         return f"'{self.name}' was found {found} as far as {names} can stand for its placement; their priors were widened to {widened}"
 
 
-def _explained(model: SpotModel, noise: Noise) -> bool:
+def _explained(model: Problem, noise: Noise) -> bool:
     """Whether the nominal residual of each laser, in y and in z, is small against what the priors allow."""
     errors = model.errors
     here = model.linearise(errors.mean)
@@ -168,17 +168,17 @@ def _explained(model: SpotModel, noise: Noise) -> bool:
         return False
     usual = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in errors.parameters])
     variance = np.sum((here.jacobian * np.minimum(errors.sigma, usual)) ** 2, axis=-1) + noise.spot_sigma**2
-    poses, lasers = model.data.seen.shape
-    share = (np.abs(here.residual) / np.sqrt(variance))[:poses, : 2 * lasers].reshape(poses, lasers, 2).max(axis=-1)
-    return all(np.median(share[seen, laser]) < _EXPLAINED for laser, seen in enumerate(model.data.seen.T) if seen.any())
+    share = np.abs(here.residual) / np.sqrt(variance)
+    beams = [channel for channel in model.channels if channel.sensor.name == "spot" and channel.readings.seen.any()]
+    return all(np.median(share[: len(model.data), own.block.columns].max(axis=1)[own.readings.seen]) < _EXPLAINED for own in beams)
 
 
-def _untouched(model: SpotModel, noise: Noise) -> float:
+def _untouched(model: Problem, noise: Noise) -> float:
     """Robust standard deviation of a spot coordinate in the nominal robot, [m]."""
     return aim_fit(model, near_wanted(model.errors, noise), model.errors.mean, iterations=0).scale
 
 
-def _roughly_placed(model: SpotModel, groups: Sequence[_Group], noise: Noise, limit: float) -> AimFit:
+def _roughly_placed(model: Problem, groups: Sequence[_Group], noise: Noise, limit: float) -> AimFit:
     """The best fit with the rig free to be elsewhere; from tilted placements if the nominal one leads nowhere."""
     errors = model.errors
     wanted = _far_wanted(errors, groups, noise)

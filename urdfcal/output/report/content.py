@@ -80,7 +80,7 @@ def _spots(calibration: FitResult) -> Section:
     rows = _spot_rows("fit", calibration.before, calibration.after)
     rows += _spot_rows("test", *calibration.test) if calibration.test else []
     rows += _spot_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after) if calibration.folds else []
-    lasers = not calibration.data.readings
+    lasers = calibration.data.only_spots
     names = ("laser", "spots") if lasers else ("what, in mm" if _millimetres(calibration.before) else "what", "number")
     table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
     what = "Distance from measured to predicted spot, in mm" if lasers else "Distance from measured to predicted"
@@ -143,7 +143,7 @@ def _combinations(calibration: FitResult) -> Section:
     open_ = [each for each in combinations if not each.determined]
     blocks: list[Block] = []
     if sums:
-        what = "measurements" if calibration.data.readings else "spots"
+        what = "measurements" if not calibration.data.only_spots else "spots"
         blocks += [f"Determined as sums alone. The {what} tell these sums, not their terms:", _combination_table(calibration, sums)]
     if open_:
         blocks += [
@@ -190,7 +190,7 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
 
 def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequence[Suspect]) -> Section:
     blocks: list[Block] = []
-    laser = "what" if calibration.data.readings else "laser"
+    laser = "what" if not calibration.data.only_spots else "laser"
     if calibration.outliers:
         rows = tuple(_left_out_row(each, calibration.data) for each in calibration.outliers[:_MOST_OUTLIERS])
         blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", laser, "reason"), rows, words=3)]
@@ -202,12 +202,12 @@ def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequ
         blocks += _more(len(calibration.test_outliers))
     text = (
         "residual is longer than chance makes one in ten reports, judged by how long the residuals of its kind usually are."
-        if calibration.data.readings
+        if not calibration.data.only_spots
         else f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
         f"{spread(calibration, sets[0]):.2f} times what noise{' and uncertain parameters' if len(sets) > 1 else ''} would do."
     )
     if not found:
-        every = "readings" if calibration.data.readings else "spots"
+        every = "readings" if not calibration.data.only_spots else "spots"
         return Section("outliers", "Outliers", (*blocks, f"Among the {every} that were used, none stands out: no {text}"))
     in_mm = all(each.unit == "mm" for each in found)
     used = tuple(_used_row(each, "" if in_mm else f" {each.unit}") for each in found[:_MOST_OUTLIERS])

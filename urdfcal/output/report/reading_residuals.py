@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import MM, Labels, Mask, Matrix, Vector
-from urdfcal.calibration.problem import model_for
+from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.estimation.chi_squared import chance_beyond, chi_squared_median
@@ -23,7 +23,7 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.output.report.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
-from urdfcal.sensors.measurements import Measurements, kinds_of, start_sigma
+from urdfcal.sensors.measurements import Measurements, start_sigma
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.sensor import UNITS
 
@@ -116,11 +116,11 @@ def reading_spread(calibration: FitResult, fitted: ReadingResiduals) -> float:
 
 
 def _of_set(calibration: FitResult, label: str, data: Measurements) -> Iterator[ReadingResiduals]:
-    if not data.readings:
+    if not any(each.sensor != "spot" for each in data.readings):
         return
     noise, before = _noise_for(calibration, data), calibration.nominal.linearise(data)
     errors, x = (calibration.errors, calibration.x) if label == "fit" else with_new_places(calibration.errors, calibration.x, data, noise)
-    model = model_for(errors, data, noise)
+    model = problem_of(errors, data, noise)
     here = model.linearise(x)
     S = R = noise.pose_covariance(here)
     if label == "test" and honest_covariance(calibration) and errors is calibration.errors:
@@ -128,15 +128,16 @@ def _of_set(calibration: FitResult, label: str, data: Measurements) -> Iterator[
     sigma = np.sqrt(np.diagonal(R, axis1=1, axis2=2))
     nominal = calibration.nominal
     states = [_values(*with_new_places(nominal.alone, nominal.instruments, data, noise)), _values(errors, x)]
-    ordered = sorted(data.readings, key=data.of_laser)  # pixels of spots stand behind all others
-    for block, own in zip(here.blocks[len(data.lasers) :], ordered, strict=True):
+    for block, own in zip(here.blocks, data.readings, strict=True):
+        if own.sensor == "spot":
+            continue
         rows = np.flatnonzero(own.seen)
         read, size = here.measured[rows, block.columns], UNITS[block.unit]
         residuals = [_in_unit(each, rows, block, read, size) for each in (before, here)]
         yield ReadingResiduals(
             label=label,
             name=block.name,
-            kind=own.kind,
+            kind=own.sensor,
             unit=block.unit,
             rows=rows,
             poses=data.poses[rows],
@@ -164,8 +165,8 @@ def _lengths(residual: Matrix, S: Matrix) -> Vector:
 def _noise_for(calibration: FitResult, data: Measurements) -> Noise:
     """The fit's noise for the kinds that a set has."""
     noise = calibration.estimate.noise
-    known = dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True))
-    start = zip(kinds_of(data), start_sigma(data).tolist(), strict=True)
+    known = dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True))
+    start = zip(data.kinds, start_sigma(data).tolist(), strict=True)
     return replace(noise, sigma=np.array([known.get(kind, sigma) for kind, sigma in start]), stated=True)
 
 
@@ -175,9 +176,9 @@ def _values(errors: ErrorModel, x: Vector) -> Mapping[str, float]:
 
 def _places(own: Readings, rows: Rows, state: Mapping[str, float]) -> Matrix:
     """Where each reading lies: at the measured point, or in its socket, (n, 3), [m]."""
-    if own.kind == "point":
+    if own.sensor == "point":
         return np.asarray(own.values[rows])
-    if own.kind != "socket":
+    if own.sensor != "socket":
         return np.full((len(rows), 3), np.nan)
     sockets = {label: [state.get(f"socket:{label}.{axis}", np.nan) for axis in "xyz"] for label in own.touched}
     return np.array([sockets[str(label)] for label in own.labels[rows]]).reshape(len(rows), 3)

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.base.geometry import MM, Array3, Array4, Matrix
-from urdfcal.calibration.problem import SpotModel, model_for
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
@@ -144,10 +144,11 @@ def _suspect(spots: SpotResiduals, row: int, column: int, usual: float) -> Suspe
 
 def _residuals(calibration: FitResult, label: str, data: Measurements, uncertain: float) -> SpotResiduals:
     nominal = ErrorModel(calibration.robot.chain, (), (), sessions=data.session_names or ("",))
-    data = replace(data, readings=(), lengths=())  # what other instruments read has residuals of its own
-    before, _ = SpotModel(nominal, data).predict(np.empty(0))
-    model = model_for(calibration.errors, data, calibration.estimate.noise)
-    after, _ = model.predict(calibration.x)
+    spots = tuple(each for each in data.readings if each.sensor == "spot")  # what other instruments read has residuals of its own
+    data = replace(data, readings=spots, lengths=())
+    before = np.stack(Problem(nominal, data).read(np.empty(0)), axis=1)
+    model = problem_of(calibration.errors, data, calibration.estimate.noise)
+    after = np.stack(model.read(calibration.x), axis=1)
     here = model.linearise(calibration.x)
     R = _spot_covariance(calibration, here)
     S = R + uncertain * _prediction_covariance(calibration, here) if honest_covariance(calibration) else R

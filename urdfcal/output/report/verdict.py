@@ -95,7 +95,7 @@ def _headline(calibration: FitResult) -> str:
 
 
 def _noun(calibration: FitResult) -> str:
-    return "measurement" if calibration.data.readings else "spot"
+    return "measurement" if not calibration.data.only_spots else "spot"
 
 
 def _trust(calibration: FitResult) -> Finding:

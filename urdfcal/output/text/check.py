@@ -69,7 +69,7 @@ def check_json(check: Check) -> dict[str, Any]:
 
 def _verdict(check: Check) -> str:
     count, seen, decided = len(check.errors.names), check.observability.rank, check.predicted.rank
-    what = "spots" if not check.data.readings else "measurements"
+    what = "spots" if check.data.only_spots else "measurements"
     return (
         f"{check.robot.name}: {parameters_in_words(check.errors)}, {len(check.data)} poses with {check.data.summary}\n"
         f"the {what} move with {seen} of {count} directions; with {assumed_noise(check.data, check.noise)} a fit would determine {decided}"
@@ -84,7 +84,7 @@ def _of_robot(check: Check) -> list[HiddenSum]:
 
 def _hidden(check: Check, hidden: HiddenSum) -> str:
     """`only joint1.d_d + joint2.d_d moves the spots`, or the measurements."""
-    if not check.data.readings:
+    if check.data.only_spots:
         return hidden.words()
     words = in_words(hidden.terms)
     return f"only {words} moves the measurements" if hidden.seen else f"{words} moves no measurement"

@@ -13,25 +13,26 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.model.slots import Slot
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, kinds_of
-from urdfcal.sensors.sensor import KINDS, UNITS, start_sigma_of
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.registry import WORDS, start_sigma_of
+from urdfcal.sensors.sensor import UNITS
 
 
 def noise_in_words(calibration: FitResult) -> str:
     """`spot noise 1.1 mm (estimated from the residual)`: standard deviations of single coordinates, and where they are known from."""
     data, by_source = calibration.data, dict[str, list[str]]()
-    for index, kind in enumerate(kinds_of(data)):
-        if kind == "spot" and not data.seen.any() and data.readings:  # spots were read as pixels
+    for index, kind in enumerate(data.kinds):
+        if kind == "spot" and not data.seen.any() and not data.only_spots:  # spots were read as pixels
             continue
-        sigma = KINDS[kind].told(calibration.estimate.noise.sigma[index])
-        by_source.setdefault(_source(calibration, kind, index), []).append(f"{KINDS[kind].noise} {sigma}")
+        sigma = WORDS[kind].told(calibration.estimate.noise.sigma[index])
+        by_source.setdefault(_source(calibration, kind, index), []).append(f"{WORDS[kind].noise} {sigma}")
     return ", ".join(f"{', '.join(words)} ({source})" for source, words in by_source.items())
 
 
 def _source(calibration: FitResult, kind: str, index: int) -> str:
     noise = calibration.estimate.noise
     if kind in calibration.extra_noise:
-        return f"stated, and {KINDS[kind].told(calibration.extra_noise[kind])} on top"
+        return f"stated, and {WORDS[kind].told(calibration.extra_noise[kind])} on top"
     if noise.stated[index]:
         return "stated"
     return "assumed" if noise.sigma[index] == start_sigma_of(kind) else "estimated from the residual"  # untouched where too few tell
@@ -40,14 +41,14 @@ def _source(calibration: FitResult, kind: str, index: int) -> str:
 def assumed_noise(data: Measurements, noise: Noise) -> str:
     """`1 mm of spot noise`, `0.5 mm of point noise and 0.05 deg of orientation noise`; what measurements state of their own is not told."""
     return " and ".join(
-        f"{KINDS[kind].told(sigma)} of {KINDS[kind].noise}" for kind, sigma in zip(kinds_of(data), noise.sigma.tolist(), strict=True)
+        f"{WORDS[kind].told(sigma)} of {WORDS[kind].noise}" for kind, sigma in zip(data.kinds, noise.sigma.tolist(), strict=True)
     )
 
 
 def first_kind(calibration: FitResult) -> tuple[str, str, float]:
     """What the history's residual is of, in words, the unit in which people read it, and that unit's size in SI."""
-    kind = kinds_of(calibration.data)[0]
-    unit = KINDS[kind].unit
+    kind = calibration.data.kinds[0]
+    unit = WORDS[kind].unit
     return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, UNITS[unit]
 
 

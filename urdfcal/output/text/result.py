@@ -21,7 +21,6 @@ from urdfcal.model.dh import DhRow
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
 from urdfcal.output.text.instruments import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
-from urdfcal.sensors.measurements import kinds_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -97,7 +96,7 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     return [
         _headline(calibration),
         "",
-        spot_table_block(tables, not calibration.data.readings),
+        spot_table_block(tables, calibration.data.only_spots),
         "",
         parameter_table(calibration),
         *_frames(calibration),
@@ -188,7 +187,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "rank": calibration.identifiability.rank,
         "estimator": calibration.estimator,
         "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
-        "noise": dict(zip(kinds_of(calibration.data), noise.sigma.tolist(), strict=True)),
+        "noise": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
         "frames": frame_entries(calibration),
         "places": place_entries(calibration),
         "lengths": length_entries(calibration),

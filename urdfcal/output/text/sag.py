@@ -11,7 +11,7 @@ from urdfcal.base.geometry import MM, Matrix
 from urdfcal.base.rotations import skew
 from urdfcal.base.terminal import figures_table, titled
 from urdfcal.calibration.analysis.sag import SagFit
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -54,12 +54,12 @@ def deflections(sag: SagFit) -> list[Deflection]:
 
 def _twists_at_tool(sag: SagFit) -> Matrix:
     """Motion of the module, or the farthest target, per unit of every soft parameter, at the fitted poses, (n, 6, terms)."""
-    model, errors, x = SpotModel(sag.errors, sag.calibration.data), sag.errors, sag.estimate.belief.x
+    model, errors, x = Problem(sag.errors, sag.calibration.data), sag.errors, sag.estimate.belief.x
     rows, session = np.arange(len(model.data)), errors.sessions[0]
     motion = model.motion(x, errors.placements(x, session), rows)
     columns = [errors.names.index(term.name) for term in sag.softness.terms]
-    depths = [frame.depth for frame in errors.chain.frames]
-    point = motion.source[:, 0] if motion.source.shape[1] else motion.frames[int(np.argmax(depths))][:, :, 3]
+    lasers, depths = errors.chain.laser_frames, [frame.depth for frame in errors.chain.frames]
+    point = motion.frames[lasers[0] if lasers else int(np.argmax(depths))][:, :, 3]
     twists = motion.jac1[:, :, columns]
     return np.concatenate([twists[:, :3] - skew(point) @ twists[:, 3:], twists[:, 3:]], axis=1)
 

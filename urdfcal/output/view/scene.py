@@ -21,19 +21,19 @@ import pinocchio as pin
 
 from urdfcal.base.geometry import MM, SE3, Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import matrices
-from urdfcal.calibration.problem import SpotModel
+from urdfcal.calibration.problem import Problem, seen_placement
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.estimation.residual import Block
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, of_these_poses
-from urdfcal.model.jacobian import ArmKinematics, laser_motion, motion_at
+from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.rig import Place
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.sensor import UNITS
-from urdfcal.sensors.spots import LEAST_ZX, spots_on_screen
+from urdfcal.sensors.spots import LEAST_ZX, beams_at
 from urdfcal.sensors.stated_noise import noise_of
 
 _FAR = 1.1  # half sizes of the measured spots' box: predicted spots farther off are not on the sheet
@@ -204,7 +204,7 @@ class Scene:
     def targets(self) -> tuple[PlacedTargets, ...]:
         """The nominal robot with its instruments placed, then the calibrated one; empty where there are lasers alone."""
         robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
-        return tuple(placed_targets(robot, self.data, self.options) for robot in robots) if self.data.readings else ()
+        return tuple(placed_targets(robot, self.data, self.options) for robot in robots) if not self.data.only_spots else ()
 
     @property
     def marks(self) -> tuple[Mark, ...]:
@@ -287,9 +287,8 @@ def _compared(name: str, unit: str, errors: list[Matrix]) -> Compared:
 
 def beams_of(robot: Robot, q: Matrix) -> Beams:
     """The beams of a robot as its URDF has it, at joint positions (n, inputs)."""
-    motion = laser_motion(ArmKinematics(robot.chain), ErrorModel(robot.chain, (), ()), q, np.empty(0))
-    spots, length = spots_on_screen(motion.source, motion.direction)
-    return Beams(motion.source, motion.direction, spots, length)
+    beams = beams_at(ErrorModel(robot.chain, (), ()), np.empty(0), q)
+    return Beams(beams.source, beams.direction, beams.spots, beams.length)
 
 
 def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
@@ -396,24 +395,23 @@ class PlacedTargets:
     @cached_property
     def marks(self) -> tuple[Mark, ...]:
         """Everything that was read, in the order of the tables."""
-        model = SpotModel(self.errors, self.data)
+        model = Problem(self.errors, self.data)
         here = model.linearise(self.x)
         frames = self.frames(self.data.q)
-        names = [frame.name for frame in self.errors.chain.frames]
+        chain = self.errors.chain
         found: list[Mark] = []
-        for reading, block in zip(model.readings, model.blocks[len(self.data.lasers) :], strict=True):
-            own = reading.data
-            R, p = frames[0, :, :, :3].transpose(0, 2, 1), frames[names.index(own.target, 1)]
-            predicted = (R @ (p[:, :, 3] - frames[0, :, :, 3])[..., None])[..., 0]
+        for channel in (channel for channel in model.channels if not channel.sensor.beam):
+            own, block = channel.readings, channel.block
+            predicted, _ = seen_placement(frames, channel.target, chain.measuring_frame)
             size = np.linalg.norm(here.residual[: len(self.data), block.columns], axis=1)
             found.append(self._mark(own, block, predicted, np.where(own.seen, size / UNITS[block.unit], np.nan)))
-        return tuple(_with_points(found, self.data.readings))
+        return tuple(_with_points(found, tuple(each for each in self.data.readings if not each.kind.beam)))
 
     @cached_property
     def planes(self) -> tuple[Plane, ...]:
         """The planes that were touched."""
         found = []
-        for own in (each for each in self.data.readings if each.kind == "plane"):
+        for own in (each for each in self.data.readings if each.sensor == "plane"):
             for label, place in zip(own.touched, own.places, strict=True):
                 normal, offset = self._plane(place)
                 along = np.linalg.svd(normal[None])[2][1:]
@@ -422,25 +420,25 @@ class PlacedTargets:
 
     def _mark(self, own: Readings, block: Block, predicted: Matrix, errors: Vector) -> Mark:
         read = np.where(own.seen[:, None], self._read(own, predicted), np.nan)
-        fixed = self._numbers(own.places[0]) if own.kind == "distance" else None
-        whole = matrices(np.where(np.isnan(own.values), (0, 0, 0, 1), own.values)) if own.kind == "orientation" else None
-        return Mark(block.name, block.unit, own.kind, read, predicted, whole, errors, fixed)
+        fixed = self._numbers(own.places[0]) if own.sensor == "distance" else None
+        whole = matrices(np.where(np.isnan(own.values), (0, 0, 0, 1), own.values)) if own.sensor == "orientation" else None
+        return Mark(block.name, block.unit, own.sensor, read, predicted, whole, errors, fixed)
 
     def _read(self, own: Readings, predicted: Matrix) -> Matrix:
         """Where readings have their target: what they do not say is taken from the prediction."""
-        if own.kind == "point":
+        if own.sensor == "point":
             return np.where(np.isnan(own.values), predicted, own.values)
-        if own.kind == "socket":
+        if own.sensor == "socket":
             return self._of_pose(own, np.array([self._numbers(place) for place in own.places]))
-        if own.kind == "plane":
+        if own.sensor == "plane":
             normals, offsets = zip(*(self._plane(place) for place in own.places), strict=True)
             normal, offset = self._of_pose(own, np.array(normals)), self._of_pose(own, np.array(offsets)[:, None])
             return np.asarray(predicted + normal * (offset - np.sum(normal * predicted, axis=1, keepdims=True)))
-        if own.kind == "distance":
+        if own.sensor == "distance":
             apart = predicted - self._numbers(own.places[0])
             length = np.maximum(np.linalg.norm(apart, axis=1, keepdims=True), _LEAST)
             return np.asarray(predicted + apart / length * (own.values - length))
-        if own.kind == "pixel":
+        if own.sensor == "pixel":
             rays = self.data.camera.rays(np.where(np.isnan(own.values), 0.0, own.values))
             return np.asarray(rays * (predicted[:, 2:] / rays[:, 2:]))
         return predicted

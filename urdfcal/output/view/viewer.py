@@ -99,11 +99,11 @@ def view_of(
         robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
-    if len(rows.session_names) > 1 and (calibrated is not None or rows.readings):
+    if len(rows.session_names) > 1 and (calibrated is not None or not rows.only_spots):
         first = rows.session_names[0]
         left_out = int(np.count_nonzero(rows.sessions != first))
         rows = rows.subset(rows.sessions == first)
-        whose = "the calibrated robot has the screen" if not rows.readings else "the scene has the measuring frame"
+        whose = "the calibrated robot has the screen" if rows.only_spots else "the scene has the measuring frame"
         said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
     scene = Scene(robot, calibrated, rows, magnify, options)
     shapes = robot_shapes(scene.solid)
@@ -121,7 +121,8 @@ def _drawable(data: Measurements) -> Measurements:
     if not in_pixels(data):
         return data
     require_screen_of_camera(data)
-    return replace(as_spots(data), readings=tuple(each for each in data.readings if not data.of_laser(each)), lengths=data.lengths)
+    beside = (each for each in data.readings if not each.kind.beam)
+    return replace(data, readings=(*as_spots(data).readings, *beside))
 
 
 def _missing(scene: Scene) -> list[str]:

@@ -17,10 +17,9 @@ import numpy.typing as npt
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.spots import makes_spot, spots_on_screen
+from urdfcal.sensors.spots import beams_at
 from urdfcal.vision.camera.markers import ScreenMarkers
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare, spot_light
 from urdfcal.vision.render.sensor import Light, Pixels, Sensor
@@ -98,11 +97,9 @@ def nominal_beams(robot: Robot, q: Matrix) -> Beams:
         robot: The robot.
         q: (n, joints), [rad] or [m].
     """
-    errors, arm = build_error_model(robot.chain, robot.rig), ArmKinematics(robot.chain)
-    motion = motion_at(arm, errors.placements(np.zeros(len(errors.names))).still(), arm.chain_positions(q))
-    spots, length = spots_on_screen(motion.source, motion.direction)
-    there = makes_spot(length, motion.direction)
-    return Beams(np.where(there[..., None], spots, np.nan), motion.direction)
+    errors = build_error_model(robot.chain, robot.rig)
+    beams = beams_at(errors, np.zeros(len(errors.names)), q)
+    return Beams(np.where(beams.makes_spot()[..., None], beams.spots, np.nan), beams.direction)
 
 
 def pictures(studio: Studio, beams: Beams, rng: np.random.Generator, dark: bool = False) -> Iterator[Shot]:

@@ -1,0 +1,50 @@
+"""Targets in a camera's pictures: pixels in place of metres. The measuring frame is the camera's: x right, y down, z ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar
+
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.sensors.sensor import Look, Quantity, Sensor, View, Words, point_jacobian, require_pair
+
+PIXEL_WORDS = Words("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0)
+
+
+class PixelSensor(Sensor):
+    """A target in a picture, h = project(p)."""
+
+    name = noise = "pixel"
+    words = PIXEL_WORDS
+    title = "pixels"
+    stored = numbers = 2
+    endings: ClassVar[Mapping[str, Quantity]] = {"u": "pixel", "v": "pixel"}
+    sigma_ending = "sigma_px"
+
+    def __init__(self, camera: Any = None) -> None:
+        """Of one camera: a `sensors.camera.Camera`."""
+        self.camera = camera
+
+    def with_camera(self, camera: Any) -> Sensor:
+        """See the base class."""
+        return type(self)(camera)
+
+    def look(self, view: View, values: Matrix) -> Look:
+        """See the base class."""
+        jac2 = self.camera.project_jacobian(view.p) @ point_jacobian(view.p)
+        return Look(values - self.camera.project(view.p), jac2)
+
+    def read(self, view: View) -> Matrix:
+        """See the base class."""
+        pixels: Matrix = self.camera.project(view.p)
+        return pixels
+
+    def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
+        """See the base class."""
+        missing = [ending for ending in self.endings if ending not in given]
+        return (missing[0], "is missing; a spot or target in a picture needs .u and .v") if missing else None
+
+    def kept(self, columns: Mapping[str, Vector]) -> Matrix:
+        """See the base class."""
+        require_pair(columns, "the cell is empty and its other one is not; leave both empty if it was not seen")
+        return super().kept(columns)
