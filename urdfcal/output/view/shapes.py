@@ -150,7 +150,7 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
             _add(robot, model, joint.parent, f"to_{joint.child}", coal.Capsule(radius, reach), between, _BODY)
     if robot.rig.module in rig:
         _add(robot, model, robot.rig.module, "box", coal.Box(0.03, 0.06, 0.02), pin.SE3(np.eye(3), np.array([0, 0, -0.01])), _MODULE)
-    for laser in rig & set(robot.rig.lasers):
+    for laser in (laser for laser in robot.rig.lasers if laser in rig):
         _add(robot, model, laser, "barrel", coal.Cylinder(0.004, 0.04), pin.SE3(np.eye(3), np.array([0, 0, 0.02])), _LASER)
 
 
