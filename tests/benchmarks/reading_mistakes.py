@@ -104,7 +104,7 @@ def mistakes(data: Measurements, robot: Robot) -> dict[str, list[tuple[str, Chan
         found["turning axes"] = [("about axes that turn along", of_orientation(turning))]
         degrees = of_orientation(lambda values: quaternions_of(angles_of(values) * DEG))
         found["rpy: rad as deg"] = [("roll, pitch and yaw read as radians", degrees)]
-    for mistake in (*mistakes_of_readings(data), *mistakes_of_joints(data, robot.chain.inputs)):
+    for mistake in (*mistakes_of_readings(data, beams=False), *mistakes_of_joints(data, robot.chain.inputs)):
         if any(word in mistake.undone for word in ("quaternions", "roll, pitch")):
             continue
         words = backwards(mistake.undone)

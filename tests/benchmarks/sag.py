@@ -35,7 +35,7 @@ from tests.benchmarks.real_robots import ROBOTS, ROOT, Split, random_splits, rep
 from urdfcal.api import Calibration
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.sag import SagFit, fit_sag
-from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import with_new_places
@@ -94,7 +94,7 @@ def simulated(arm: str, sensor: str, scales: SagScales, seed: int) -> Simulated:
 def held_out(calibration: Calibration, sag: SagFit, test: urdfcal.Measurements) -> float:
     """RMS of the tested poses under the joint fit, [mm]."""
     errors, x = with_new_places(sag.errors, sag.estimate.belief.x, test, sag.estimate.noise)
-    return rms_mm(error_table(Problem(errors, test).linearise(x), len(test)))
+    return rms_of(error_table(Problem(errors, test).linearise(x), len(test)))
 
 
 def fitted(robot: urdfcal.Robot, train: urdfcal.Measurements, test: urdfcal.Measurements) -> tuple[Calibration, SagFit | None]:
@@ -120,7 +120,7 @@ def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[
                 assert sag is not None, "gravity bends these arms"
                 assert calibration.test is not None
                 assert calibration.test_data is not None
-                ratios.append(held_out(calibration, sag, calibration.test_data) / rms_mm(calibration.test[1]))
+                ratios.append(held_out(calibration, sag, calibration.test_data) / rms_of(calibration.test[1]))
                 gains.append(sag.gain)
                 largest = {term.name: term.largest for term in sag.softness.terms}
                 for name, (value, moment) in case.truth.items():
@@ -180,7 +180,7 @@ def one_split(robot: Any, arm: urdfcal.Robot, whole: urdfcal.Measurements, split
     assert sag is not None
     assert calibration.test is not None
     assert calibration.test_data is not None
-    return rms_mm(calibration.test[0]), rms_mm(calibration.test[1]), held_out(calibration, sag, calibration.test_data)
+    return rms_of(calibration.test[0]), rms_of(calibration.test[1]), held_out(calibration, sag, calibration.test_data)
 
 
 def cost_study() -> Iterator[str]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -112,12 +112,12 @@ def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None
     rows[len(unseen) :] = False
     true_noise = {"spot": NOISE.spot, "orientation": NOISE.angle}
     sigma = dict(zip(model.kinds, found.estimate.noise.sigma.tolist(), strict=True))
-    after = rms_mm(error_table(here, len(unseen)))
+    after = rms_of(error_table(here, len(unseen)))
     return Run(
         {kind: value / true_noise.get(kind, NOISE.length) for kind, value in sigma.items()},
         held(setup, found) if truth is None else np.empty(0),
         here.residual[rows] / spread[rows],
-        rms_mm(found.nominal.table(unseen)),
+        rms_of(found.nominal.table(unseen)),
         after,
     )
 

@@ -14,7 +14,7 @@ import urdfcal
 from tests.support.helpers import assert_poses_close
 from urdfcal.api import fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
-from urdfcal.calibration.error_table import rms_mm
+from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.calibration.start.nominal import evaluate
@@ -70,7 +70,7 @@ def test_six_direction_errors_are_found(robots: dict[str, Robot], name: str, rng
     unseen = measurements_from(robot, q[100:], true_spots(robot, model, truth, q[100:]))
     found = fit(robot, data, test=unseen)
     assert found.test is not None
-    before, after = (rms_mm(table) for table in found.test)
+    before, after = (rms_of(table) for table in found.test)
     expected = 0.5 * np.sqrt(2 * len(found.x) / (4 * 100))  # what noise alone leaves in the parameters
     assert before > 3
     assert after < 3 * expected
@@ -98,7 +98,7 @@ def test_a_carried_screen_is_the_same_problem(robots: dict[str, Robot], rng: np.
     assert found.converged
     calibrated = with_test(found, unseen).test
     assert calibrated is not None
-    assert rms_mm(calibrated[1]) < 1.0 < rms_mm(calibrated[0])
+    assert rms_of(calibrated[1]) < 1.0 < rms_of(calibrated[0])
 
 
 def test_missing_spots_do_not_count(robots: dict[str, Robot], rng: np.random.Generator) -> None:
@@ -166,7 +166,7 @@ def test_beams_are_estimated_on_request(robots: dict[str, Robot], rng: np.random
     truth[errors.names.index("laser_1.rot_x")], truth[errors.names.index("laser_2.rot_y")] = 0.01, -0.008
     data = simulate(robot, errors, truth, draw_poses(robot, errors, truth, 60, rng), rng)
     found = fit(robot, data, options=options, spot_sigma=1e-4)
-    assert rms_mm(found.after) < 0.01
+    assert rms_of(found.after) < 0.01
     between = [found.x[errors.names.index(name)] for name in ("laser_1.rot_x", "laser_2.rot_x")]
     assert between[0] - between[1] == pytest.approx(0.01, abs=1e-4)
 

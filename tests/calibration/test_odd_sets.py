@@ -62,7 +62,7 @@ def test_cross_validation_places_what_no_fit_saw(robots: dict[str, Robot], rng: 
     names = [f"one {number}" for number in range(60)]
     lone = changed(data, "socket", lambda each: replace(each, labels=np.where(each.labels == "1", names, each.labels)))
     folds = kfold(robot, lone, 4, rng, gated=False)
-    assert folds.fold_rms_mm.max() < 6 * NOISE.length / MM
+    assert folds.fold_rms.max() < 6 * NOISE.length / MM
 
 
 def test_degrees_of_freedom_are_never_more_than_the_numbers(robots: dict[str, Robot], rng: np.random.Generator) -> None:

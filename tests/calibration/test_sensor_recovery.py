@@ -12,7 +12,7 @@ from tests.support.paths import SHARED_DATA
 from tests.support.sensor_cases import ARRANGED, CASES, NOISE, SINGLE, SensorCase, setup_of
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -51,7 +51,7 @@ def unseen_share(setup: SimulatedSetup, found: Calibration, rng: np.random.Gener
     unseen = simulate_readings(setup, 60, rng)
     here = Problem(found.errors, unseen).linearise(found.x)
     spread = np.sqrt(np.einsum("nmp,pq,nmq->nm", here.jacobian, found.covariance, here.jacobian))
-    return here.residual[here.measured] / spread[here.measured], rms_mm(found.nominal.table(unseen)), rms_mm(error_table(here, len(unseen)))
+    return here.residual[here.measured] / spread[here.measured], rms_of(found.nominal.table(unseen)), rms_of(error_table(here, len(unseen)))
 
 
 @pytest.mark.parametrize("name", RECOVERED)
@@ -151,7 +151,7 @@ def test_the_reference_may_be_known(robots: dict[str, Robot]) -> None:
     for setup, right in ((known, True), (unknown, False)):
         found = fit(setup.robot, simulate_readings(setup, 60, rng, NOISE), options=options, gated=False)
         assert not any(slot.kind == "reference" for slot in found.errors.slots)
-        assert (rms_mm(found.after) < 0.5) is right
+        assert (rms_of(found.after) < 0.5) is right
 
 
 @pytest.mark.parametrize(("model", "per_joint"), [("offset", {}), ("auto", {"elbow_joint": "offset", "wrist_3_joint": "offset"})])
@@ -171,4 +171,4 @@ def test_zeros_alone_and_mixed_models_find_their_own_truth(model: str, per_joint
     found = fit(setup.robot, simulate_readings(setup, 60, rng, NOISE), options=options, priors={"joint": SCALE})
     assert found.errors.names == errors.names
     assert np.abs(standardised(setup, found)).max() < 4.5
-    assert rms_mm(found.after) < 0.3
+    assert rms_of(found.after) < 0.3

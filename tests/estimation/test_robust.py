@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from urdfcal.api import fit
-from urdfcal.calibration.error_table import rms_mm
+from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation
@@ -77,7 +77,7 @@ def test_gross_outliers_are_named_and_left_out(
     assert thrown <= named
     assert len(named - thrown) <= 2
     assert np.abs((found.x - expected.x) / found.sigma).max() < 3
-    assert rms_mm(found.after) < 2
+    assert rms_of(found.after) < 2
     assert found.rejection == ""
     assert all("mm from where the other spots put it" in outlier.reason for outlier in found.outliers)
 

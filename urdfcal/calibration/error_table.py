@@ -61,7 +61,12 @@ def main_unit(table: SpotTable) -> str:
     return units[0] if units and "mm" not in units else "mm"
 
 
-def rms_mm(table: SpotTable) -> float:
+def rms_in_words(table: SpotTable) -> str:
+    """The same with its unit: `0.31 mm`."""
+    return f"{rms_of(table):.4g} {main_unit(table)}"
+
+
+def rms_of(table: SpotTable) -> float:
     """Root mean square of the distances over all lasers or targets, in the main unit."""
     unit = main_unit(table)
     rows = [row for row in table.values() if row.unit == unit]

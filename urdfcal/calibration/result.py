@@ -14,7 +14,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
-from urdfcal.calibration.error_table import SpotTable, rms_mm
+from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.nominal import NominalFit
@@ -47,21 +47,21 @@ class CrossValidation:
 
     Attributes:
         before, after: Spot distances over all poses, each predicted without it: with the nominal robot, and calibrated.
-        fold_rms_mm: RMS distance over the held-out poses of each fold, (folds,), [mm].
+        fold_rms: RMS distance over the held-out poses of each fold, (folds,), in the main unit of the tables.
         spots: Whether nothing but spots was measured.
         rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
     """
 
     before: SpotTable
     after: SpotTable
-    fold_rms_mm: Vector
+    fold_rms: Vector
     rejected: tuple[str, ...]
     spots: bool = True
 
     @property
     def folds(self) -> int:
         """Number of fits."""
-        return len(self.fold_rms_mm)
+        return len(self.fold_rms)
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,14 +156,17 @@ class FitResult:
             return f"{self._moved}, and no robot is made so; check the URDF, units and signs of joints and readings, and the axes measured"
         if self._scattered:
             return self._scattered
-        before, after = rms_mm(self.before), rms_mm(self.after)
-        if not after < before:
-            return f"the fit made nothing better: {after:.4g} mm RMS after it, {before:.4g} mm before"
+        if not rms_of(self.after) < rms_of(self.before):
+            return f"the fit made nothing better: {rms_in_words(self.after)} RMS after it, {rms_in_words(self.before)} before"
         for kind, stated in zip(self.kinds, self.estimate.noise.stated, strict=True):
             if (stated or kind in self.stating) and self.misfits[kind].chi_squared > CHI_SQUARED_LIMIT:
                 words = misfit_words(self.misfits, kind, stated=True)
                 return f"{words}, chi-square is limited to {CHI_SQUARED_LIMIT:g}; look for outliers or state the noise that there is"
         return ""
+
+    def noise_of(self, kind: str) -> float | None:
+        """Standard deviation that was assumed of a kind of reading at the end, [m], [rad] or [px]; None where there was none of it."""
+        return float(self.estimate.noise.sigma[self.kinds.index(kind)]) if kind in self.kinds else None
 
     @property
     def disagreements(self) -> tuple[str, ...]:
@@ -230,7 +233,7 @@ class FitResult:
 
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
-        tables = f"{rms_mm(self.before):.3g} -> {rms_mm(self.after):.3g}"
+        tables = f"{rms_of(self.before):.3g} -> {rms_of(self.after):.3g} {main_unit(self.after)}"
         return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {len(self.data)} poses, RMS {tables}>"
 
     def require_trustworthy(self) -> None:

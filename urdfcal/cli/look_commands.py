@@ -78,7 +78,7 @@ def evaluate(
     fit_set, test_set = data.split()
     tables = {name: run_evaluate(arm, rows, rig_file.options()) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
     whole = run_evaluate(arm, data, rig_file.options())
-    machine = {"converged": True, "iterations": 0, "rank": 0, "parameters": [], "combinations": []}
+    machine: dict[str, Any] = {"converged": None, "iterations": None, "rank": None, "parameters": [], "combinations": []}  # no fit was made
     machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
     if "test" in tables:
         machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}

@@ -206,19 +206,20 @@ def paper_schedule(
         tolerance: Norm of the state change that ends the sweeps.
         max_sweeps: How many sweeps are allowed.
     """
-    belief, history = prior, [Sweep(prior.x, np.nan, linearise(prior.x).rms)]
+    here = linearise(prior.x)
+    belief, history = prior, [Sweep(prior.x, np.nan, here.rms)]
     Q, unit = q * np.eye(len(prior.x)), Weights.uniform(np.sqrt(r))
     for _ in range(max_sweeps or MAX_SWEEPS["paper"]):
-        here = linearise(belief.x)
         if not here.usable:
             return Estimate(belief, here.trouble, noise, history)
         predicted = Belief(belief.x, belief.P + Q)
         rows, short = compress(unit.jacobian(here), unit.residual(here), np.sqrt(np.diag(predicted.P)))
         belief, _ = update(predicted, short, rows, np.eye(len(short)))
         step = float(np.linalg.norm(belief.x - predicted.x))
-        history.append(Sweep(belief.x, step, here.rms))
         if not np.isfinite(step):
-            return Estimate(predicted, "not_finite", noise, history)
+            return Estimate(predicted, "not_finite", noise, [*history, Sweep(belief.x, step, here.rms)])
+        here = linearise(belief.x)
+        history.append(Sweep(belief.x, step, here.rms))
         if step < tolerance:
             return Estimate(belief, "converged", noise, history)
     return Estimate(belief, "max_sweeps", noise, history)

@@ -22,7 +22,7 @@ from urdfcal.robot.robot import Robot
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
     """A calibration as YAML: provenance, rig, noise, origins, parameters, combinations, spot distances."""
-    noise = calibration.estimate.noise
+    noise, spot_noise = calibration.estimate.noise, calibration.noise_of("spot")
     content = {
         **_provenance(calibration.robot, command),
         "measurements": _data_entry(calibration),
@@ -37,7 +37,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
             "chi_squared_per_degree_of_freedom": calibration.chi_squared,
         },
         "noise": {
-            "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
+            "spot_sigma_mm": None if spot_noise is None else spot_noise / MM,
             "spot_sigma_stated": noise.all_stated,
             "extra_noise": dict(calibration.extra_noise),
             "sigma": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),

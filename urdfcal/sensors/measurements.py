@@ -95,8 +95,9 @@ class Measurements:
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
-        """The kinds of noise there are, in the order in which the noise has them."""
-        return tuple(dict.fromkeys(each.noise for each in self.readings))
+        """The kinds of noise there are, in the order in which the noise has them: spots first, the others as they come."""
+        found = dict.fromkeys(each.noise for each in self.readings)
+        return tuple(sorted(found, key=lambda kind: kind != "spot"))
 
     @property
     def only_spots(self) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.sensors.sensor import Look, Quantity, Sensor, View, Words, point_jacobian, require_pair
+from urdfcal.sensors.sensor import Change, Look, Quantity, Sensor, View, Words, point_jacobian, require_pair
 
 PIXEL_WORDS = Words("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0)
 
@@ -38,6 +38,15 @@ class PixelSensor(Sensor):
         """See the base class."""
         pixels: Matrix = self.camera.project(view.p)
         return pixels
+
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class."""
+        width, height = self.camera.size
+        return {
+            "u and v of the pixels swapped": lambda values: values[:, ::-1],
+            "u of the pixels mirrored": lambda values: [width - 1, 0] + values * [-1, 1],
+            "v of the pixels counted from below": lambda values: [0, height - 1] + values * [1, -1],
+        }
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -25,6 +26,7 @@ QUANTITIES: Mapping[Quantity, Mapping[str, float]] = {
     "ratio": {"": 1.0},
     "label": {},
 }  # units that a header may state, the default first
+Change = Callable[[Matrix], Matrix]
 Draw = Callable[[tuple[int, ...]], Matrix]
 UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
 
@@ -166,6 +168,10 @@ class Sensor:
         """Readings as numbers by ending."""
         return dict(zip(self.endings, values.T, strict=True))
 
+    def mistakes(self) -> Mapping[str, Change]:
+        """Common mistakes in such readings, each as what undoes it: a change of what was kept, (n, stored)."""
+        return {}
+
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """What its readings of a target have in common over poses, one for every label that was touched."""
         return ()
@@ -195,3 +201,10 @@ def require_pair(columns: Mapping[str, Vector], message: str) -> None:
     if lone.any():
         row = int(np.argmax(lone))
         raise CellFault(row, one if np.isnan(first[row]) else other, message)
+
+
+def wrong_lengths(what: str) -> dict[str, Change]:
+    """Lengths in a unit that was taken for another one."""
+    units = {"millimetres": MM, "centimetres": 10 * MM, "inches": 25.4 * MM}
+    read_as: dict[str, Change] = {f"the {what} read as {unit}": partial(np.multiply, size) for unit, size in units.items()}
+    return read_as | {f"the {what} read as metres in place of {unit}": partial(np.multiply, 1 / size) for unit, size in units.items()}

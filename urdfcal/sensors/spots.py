@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,8 +26,17 @@ from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Place
 from urdfcal.sensors.pixels import PixelSensor
-from urdfcal.sensors.sensor import Look, Quantity, Sensor, View, Words, require_pair
+from urdfcal.sensors.sensor import Change, Look, Quantity, Sensor, View, Words, require_pair, wrong_lengths
 
+_ON_SCREEN = {
+    "y and z of the spots swapped": [[0, 1], [1, 0]],
+    "y of the spots mirrored, as if seen from behind the screen": [[-1, 0], [0, 1]],
+    "z of the spots mirrored": [[1, 0], [0, -1]],
+    "y and z of the spots both mirrored, as by a camera upside down": [[-1, 0], [0, -1]],
+    "the spots turned by 90 deg": [[0, -1], [1, 0]],
+    "the spots turned by -90 deg": [[0, 1], [-1, 0]],
+    "y and z of the spots swapped and mirrored": [[0, -1], [-1, 0]],
+}
 LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 
 
@@ -170,6 +180,15 @@ class SpotSensor(Sensor):
         require_pair(columns, f"the cell is empty and the beam's other one is not; {self.empty}")
         return super().kept(columns)
 
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class; on the screen itself, since its link has its own y and z."""
+        turned = {words: partial(_turned, np.array(matrix, dtype=float)) for words, matrix in _ON_SCREEN.items()}
+        return {**turned, **wrong_lengths("spots")}
+
+
+def _turned(matrix: Matrix, spots: Matrix) -> Matrix:
+    return spots @ matrix.T
+
 
 class SpotPixelSensor(PixelSensor):
     """A laser's spot as a camera that looks at the screen has it, h = u; the screen's place before the camera is shared by all poses."""
@@ -195,6 +214,10 @@ class SpotPixelSensor(PixelSensor):
         T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
         pixels: Matrix = self.camera.project(_in_camera(T_camera_screen, _beams_seen(view)[0]))
         return pixels
+
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class; they are looked for on the screen, where the camera has the spots."""
+        return {}
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The errors of the screen's place before the camera, of all lasers alike."""

@@ -8,13 +8,14 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.geometry import DEG, Array3, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import inverse_right_jacobian, matrices, quaternions_of, rotation_vectors
 from urdfcal.robot.rig import Place
-from urdfcal.sensors.sensor import CellFault, Draw, Look, Quantity, Sensor, View, Words, point_jacobian
+from urdfcal.sensors.sensor import CellFault, Change, Draw, Look, Quantity, Sensor, View, Words, point_jacobian, wrong_lengths
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
+CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion x, y, z, w
 _UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
 _LEAST_DISTANCE = 1e-9  # [m]; nearer to the end of a wire there is no direction to speak of
 
@@ -38,6 +39,11 @@ class PointSensor(Sensor):
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Any of the three may be missing."""
         return ~np.isnan(values)
+
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class; the frame stands anywhere, so that swapped axes are the same as one that was mirrored."""
+        mirrored = "one axis of the points mirrored, or two of them swapped (a left-handed frame)"
+        return {**wrong_lengths("points"), mirrored: lambda values: values * [1, 1, -1]}
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class; any of the three columns may be missing."""
@@ -77,6 +83,15 @@ class OrientationSensor(Sensor):
         turns = draw((len(values), 3))
         return _quaternions(np.array([pin.exp3(turn) @ own for turn, own in zip(turns, matrices(values), strict=True)]).reshape(-1, 3, 3))
 
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class."""
+        return {
+            "the quaternions read as w, x, y, z": lambda values: values[:, [1, 2, 3, 0]],
+            "the orientations inverted": lambda values: values * CONJUGATE,
+            "roll, pitch and yaw taken about axes that turn along": lambda values: quaternions_of(-_angles_of(values)) * CONJUGATE,
+            "roll, pitch and yaw read as radians in place of degrees": lambda values: quaternions_of(_angles_of(values) / DEG),
+        }
+
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""
         for words in (QUATERNION, ROLL_PITCH_YAW):
@@ -108,6 +123,13 @@ class OrientationSensor(Sensor):
         return dict(zip(QUATERNION, values.T, strict=True))
 
 
+def _angles_of(quaternions: Matrix) -> Matrix:
+    """Roll, pitch and yaw about fixed axes, (n, 3); nan where there are none."""
+    R = matrices(quaternions)
+    roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    return np.column_stack([roll, np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0])), yaw])
+
+
 def _quaternions(R: Array3) -> Matrix:
     return np.array([pin.Quaternion(axes).coeffs() for axes in R]).reshape(-1, 4)
 
@@ -131,6 +153,10 @@ class DistanceSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class."""
         return np.asarray(np.linalg.norm(view.p - view.place, axis=1)[:, None])
+
+    def mistakes(self) -> Mapping[str, Change]:
+        """See the base class."""
+        return wrong_lengths("distances")
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""

@@ -19,7 +19,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.sag import SagFit, estimated_gravity, fit_sag, log_evidence
-from urdfcal.calibration.error_table import error_table, rms_mm
+from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import Noise
@@ -65,7 +65,7 @@ def sagging(soft_panda: tuple[Calibration, Measurements, dict[str, float]]) -> S
 
 
 def rms(errors: ErrorModel, x: Vector, test: Measurements) -> float:
-    return rms_mm(error_table(Problem(errors, test).linearise(x), len(test)))
+    return rms_of(error_table(Problem(errors, test).linearise(x), len(test)))
 
 
 def test_sag_is_found(soft_panda: tuple[Calibration, Measurements, dict[str, float]], sagging: SagFit) -> None:

@@ -11,7 +11,7 @@ import pytest
 from urdfcal.api import Calibration, fit
 from urdfcal.base.errors import UsageError
 from urdfcal.calibration.analysis.validation import _left_out_residuals, _much_worse, coverage_warnings, holdout, kfold
-from urdfcal.calibration.error_table import rms_mm
+from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
@@ -91,9 +91,9 @@ def test_kfold_predicts_every_pose_without_it(robots: dict[str, Robot], rng: np.
     assert [row.n for row in found.after.values()] == [63, 63]
     assert (found.folds, found.rejected) == (5, ())
     sizes = np.array([13, 13, 13, 12, 12])
-    assert np.sqrt(np.sum(sizes * found.fold_rms_mm**2) / 63) == pytest.approx(rms_mm(found.after))
-    fitted = rms_mm(fit(robot, data, spot_sigma=NOISE, gated=False).after)
-    assert fitted < np.sqrt(2) * NOISE * 1e3 < rms_mm(found.after) < 2 * fitted
+    assert np.sqrt(np.sum(sizes * found.fold_rms**2) / 63) == pytest.approx(rms_of(found.after))
+    fitted = rms_of(fit(robot, data, spot_sigma=NOISE, gated=False).after)
+    assert fitted < np.sqrt(2) * NOISE * 1e3 < rms_of(found.after) < 2 * fitted
 
 
 def test_left_out_residuals_are_those_of_fits_without_the_pose(robots: dict[str, Robot], rng: np.random.Generator) -> None:

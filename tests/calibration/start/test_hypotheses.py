@@ -13,7 +13,7 @@ from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.hypotheses import best_hypothesis
-from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_spots
+from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_readings
 from urdfcal.calibration.start.rig_search import find_start
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.gauge import build_error_model
@@ -118,7 +118,7 @@ def test_no_two_hypotheses_do_the_same(robots: dict[str, Robot]) -> None:
     robot = robots["tiago"]
     model, _ = measured(robot, 0, 0, 0.0, seed=5)
     before = model.data.q.copy()
-    mistakes = (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, robot.chain.inputs))
+    mistakes = (*mistakes_of_readings(model.data, beams=True), *mistakes_of_joints(model.data, robot.chain.inputs))
     changed = [mistake.change(model.data) for mistake in mistakes]
     prints = {(np.round(data.q, 9).tobytes(), np.round(data.spots, 12).tobytes()) for data in [*changed, model.data]}
     assert len(prints) == len(changed) + 1

@@ -135,7 +135,7 @@ def test_no_two_hypotheses_do_the_same(robots: dict[str, Robot]) -> None:
     """Each changes the measurements, no two alike, and the measurements themselves stay."""
     robot, data = measured(CASES["every kind"], robots, seed=7, poses=24)
     before = data.q.copy()
-    mistakes = (*mistakes_of_readings(data), *mistakes_of_joints(data, robot.chain.inputs))
+    mistakes = (*mistakes_of_readings(data, beams=False), *mistakes_of_joints(data, robot.chain.inputs))
     prints = {_print(mistake.change(data)) for mistake in mistakes} | {_print(data)}
     assert len(prints) == len(mistakes) + 1
     np.testing.assert_array_equal(data.q, before)

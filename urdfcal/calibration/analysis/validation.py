@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
-from urdfcal.calibration.error_table import SpotTable, error_table, rms_mm
+from urdfcal.calibration.error_table import SpotTable, error_table, main_unit, rms_of
 from urdfcal.calibration.fitting import fit
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import CrossValidation, FitResult
@@ -33,6 +33,7 @@ from urdfcal.estimation.residual import Linearisation
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.sensor import UNITS
 
 Rows = npt.NDArray[np.intp]
 
@@ -95,7 +96,7 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         here = Problem(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
         after.take(here, held)
-        rms.append(rms_mm(error_table(here, len(out))))
+        rms.append(rms_of(error_table(here, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
     return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots)
 
@@ -138,13 +139,13 @@ def coverage_warnings(robot: Robot, calibration: FitResult) -> tuple[str, ...]:
     compared = _compare(calibration, test)
     if not compared.worse:
         return ()
-    fitted, tested = rms_mm(calibration.after), rms_mm(calibration.test[1])
+    fitted, tested, unit = rms_of(calibration.after), rms_of(calibration.test[1]), main_unit(calibration.after)
+    sizes = f"{tested:.3g} {unit} RMS against {fitted:.3g} {unit}"
+    expected = compared.predicted > tested / MUCH_WORSE
     head = (
-        f"the test poses are {tested / fitted:.1f} times worse than the calibration poses ({tested:.3g} mm RMS against {fitted:.3g} mm), "
+        f"the test poses are {tested / fitted:.1f} times worse than the calibration poses ({sizes}), {'as' if expected else 'more than'} "
+        f"the fit's own uncertainty predicts ({compared.predicted:.3g} {unit}): "
     )
-    expected = compared.predicted_mm > tested / MUCH_WORSE
-    head += "as" if expected else "more than"
-    head += f" the fit's own uncertainty predicts ({compared.predicted_mm:.3g} mm): "
     if compared.alone:
         return (f"{head}{compared.alone} alone is to blame; is it an outlier?",)
     beyond = _uncovered(robot, calibration.data, test)
@@ -160,11 +161,11 @@ def coverage_warnings(robot: Robot, calibration: FitResult) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Comparison:
-    """Whether test poses are much worse, the only pose that is to blame (if it is only one), and what the fit predicts."""
+    """Whether test poses are much worse, the only pose that is to blame (if it is only one), and what the fit predicts for them."""
 
     worse: bool
     alone: str
-    predicted_mm: float
+    predicted: float
 
 
 def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
@@ -182,7 +183,8 @@ def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
     where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
-    return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / MM)
+    size = next(UNITS[block.unit] for block in there.blocks if block.kind == 0)
+    return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / size)
 
 
 def _residuals(here: Linearisation, noise: Noise) -> Matrix:

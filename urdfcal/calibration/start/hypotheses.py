@@ -24,7 +24,7 @@ from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Mask, Vector
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
-from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings, mistakes_of_spots
+from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.calibration.start.rig_search import (
     INCREDIBLE,
@@ -145,7 +145,7 @@ def best_hypothesis(model: Problem, noise: Noise) -> Hypothesis | None:
         noise: Of the spots.
     """
     errors = model.errors
-    mistakes = (*mistakes_of_spots(model.data), *mistakes_of_joints(model.data, errors.chain.inputs))
+    mistakes = (*mistakes_of_readings(model.data, beams=True), *mistakes_of_joints(model.data, errors.chain.inputs))
     for wanted in (near_wanted(errors, noise), far_wanted(errors, noise)):
         stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
         if stands.scale < plausible_scale(noise) and stands.credible:
@@ -214,7 +214,7 @@ def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise
     """
     if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
         return None
-    mistakes = (*mistakes_of_readings(data), *mistakes_of_joints(data, errors.chain.inputs))
+    mistakes = (*mistakes_of_readings(data, beams=False), *mistakes_of_joints(data, errors.chain.inputs))
     fits = best_of([_trial(errors, data, noise, mistake) for mistake in mistakes], 1.0)
     if not fits or fits[0].scale > _PLAUSIBLE:
         return None

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from urdfcal.calibration.error_table import SpotTable, rms_mm
+from urdfcal.calibration.error_table import SpotTable, main_unit, rms_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import LEAST_FREEDOM
 from urdfcal.model.parameters import INSTRUMENTS
@@ -126,17 +126,16 @@ def _decided(calibration: FitResult) -> Finding:
 def _tested(calibration: FitResult) -> list[Finding]:
     if (calibration.test is None or not calibration.test[1]) and calibration.folds is not None:
         after, folds = calibration.folds.after, calibration.folds.folds
-        text = (
-            f"Left out in turn ({folds} fits), poses are {rms_mm(after):.3g} mm off (RMS), fitted ones {rms_mm(calibration.after):.3g} mm"
-        )
-        worse = rms_mm(after) > WORSE * _expected_ratio(calibration) * max(rms_mm(calibration.after), _ROUNDING_MM)
+        unit, apart, fitted = main_unit(after), rms_of(after), rms_of(calibration.after)
+        text = f"Left out in turn ({folds} fits), poses are {apart:.3g} {unit} off (RMS), fitted ones {fitted:.3g} {unit}"
+        worse = apart > WORSE * _expected_ratio(calibration) * max(fitted, _ROUNDING_MM)
         return [Finding("warn" if worse else "good", f"{text}{': the error model cannot follow this robot' if worse else ''}.")]
     if calibration.test is None or not calibration.test[1]:
         return [Finding("warn", "No test poses: how well other poses are predicted has not been checked.")]
-    ratio, expected = rms_mm(calibration.test[1]) / max(rms_mm(calibration.after), 1e-12), _expected_ratio(calibration)
+    ratio, expected = rms_of(calibration.test[1]) / max(rms_of(calibration.after), 1e-12), _expected_ratio(calibration)
     spots = sum(row.n for row in calibration.test[1].values())
     by_chance = 1 + _CHANCE / math.sqrt(4 * max(spots, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
-    if ratio < WORSE * expected * by_chance or rms_mm(calibration.test[1]) < _ROUNDING_MM:
+    if ratio < WORSE * expected * by_chance or rms_of(calibration.test[1]) < _ROUNDING_MM:
         return [Finding("good", f"Test poses are predicted as well as can be expected: {ratio:.2f} times the RMS of the fitted poses.")]
     text = f"Test poses are {ratio:.3g} times as far off (RMS) as fitted ones, where {expected:.2f} times can be expected"
     return [Finding("warn", f"{text}: the fitted poses do not cover them, or the error model cannot follow this robot.")]

@@ -14,7 +14,7 @@ import numpy as np
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.terminal import as_text, displayed, figures_table, titled, value_and_sigma
 from urdfcal.calibration.analysis.prediction import SpotAccuracy, WorkspaceAccuracy
-from urdfcal.calibration.error_table import rms_mm
+from urdfcal.calibration.error_table import main_unit, rms_of
 from urdfcal.calibration.result import CrossValidation
 from urdfcal.estimation.identifiability import Combination, correlated_groups
 from urdfcal.model.dh import DhRow
@@ -77,7 +77,7 @@ class Extras:
                 "folds": self.folds.folds,
                 "before": table_json(self.folds.before),
                 "after": table_json(self.folds.after),
-                "rms_mm": rms_mm(self.folds.after),
+                f"rms_{main_unit(self.folds.after)}": rms_of(self.folds.after),
                 "rejected": list(self.folds.rejected),
             }
         return machine
@@ -178,7 +178,7 @@ def carried_lines(carried: Mapping[str, str]) -> list[str]:
 
 def calibration_json(calibration: FitResult) -> dict[str, Any]:
     """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
-    noise = calibration.estimate.noise
+    noise, spot_noise = calibration.estimate.noise, calibration.noise_of("spot")
     return {
         "converged": calibration.converged,
         "stop": calibration.stop_reason,
@@ -186,7 +186,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "iterations": len(calibration.estimate.history) - 1,
         "rank": calibration.identifiability.rank,
         "estimator": calibration.estimator,
-        "spot_sigma_mm": noise.spot_sigma / MM if calibration.data.lasers else None,
+        "spot_sigma_mm": None if spot_noise is None else spot_noise / MM,
         "noise": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
         "frames": frame_entries(calibration),
         "places": place_entries(calibration),
