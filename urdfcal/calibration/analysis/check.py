@@ -195,22 +195,17 @@ def _second_beam(robot: Robot, errors: ErrorModel, data: Measurements, noise: No
 def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data: Measurements, noise: Noise, H: Matrix) -> Matrix:
     """Posterior of our parameters with the same poses seen on a screen that stands elsewhere."""
     free = replace(options, fix=(), only=())
-    moved = build_error_model(robot.chain, robot.rig, free, (*errors.sessions, _ELSEWHERE))
-    kept = tuple(parameter for parameter in moved.parameters if parameter.name in errors.names or f":{_ELSEWHERE}." in parameter.name)
-    moved = replace(moved, parameters=kept, held=errors.held)
+    every = build_error_model(robot.chain, robot.rig, free, (*errors.sessions, _ELSEWHERE)).parameters
+    further = tuple(parameter for parameter in every if f":{_ELSEWHERE}." in parameter.name)
+    moved = replace(errors, parameters=(*errors.parameters, *further), sessions=(*errors.sessions, _ELSEWHERE))
     x = moved.mean.copy()
     for name, value in _MOVED_SCREEN.items():
         x[[own == f"{robot.rig.screen}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
     again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
     here = problem_of(moved, again, noise).linearise(x)
     extra = noise.weights(here).jacobian(_without_lost(here))
-    wide = np.zeros((len(H), len(moved.names)))
-    wide[:, [moved.names.index(name) for name in errors.names]] = H
-    order = [moved.names.index(name) for name in errors.names] + [
-        index for index, name in enumerate(moved.names) if name not in errors.names
-    ]
-    P = posterior_of(moved, np.vstack([wide, extra]))
-    return P[np.ix_(order, order)]
+    wide = np.hstack([H, np.zeros((len(H), len(further)))])
+    return posterior_of(moved, np.vstack([wide, extra]))
 
 
 def _without_lost(here: Linearisation) -> Linearisation:
