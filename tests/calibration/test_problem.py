@@ -46,7 +46,8 @@ def test_jacobians_are_the_derivatives_of_what_is_predicted(
     assert here.usable
     np.testing.assert_allclose(here.jacobian, numeric, atol=2e-8 * max(1.0, np.abs(numeric).max()))
     used = np.abs(numeric).max(axis=(0, 1)) > 1e-6
-    assert used.sum() > 0.7 * len(x)  # the parameters do something, or nothing would have been compared
+    least = 0.5 if name == "inclination" else 0.7  # it sees no length
+    assert used.sum() > least * len(x)  # the parameters do something, or nothing would have been compared
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -27,7 +27,7 @@ DATA = SHARED_DATA
 SCALE = PriorScale(2 * MM, 0.2 * DEG)
 POSES = {"every kind": 160, "plane": 120}
 RECOVERED = [name for name in CASES if name != "points on the base"]
-TRUE_NOISE = {"spot": NOISE.spot, "orientation": NOISE.angle}
+TRUE_NOISE = {"spot": NOISE.spot, "orientation": NOISE.angle, "inclination": NOISE.angle}
 
 
 def measured(setup: SimulatedSetup, name: str, rng: np.random.Generator, poses: int) -> Measurements:

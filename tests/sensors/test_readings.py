@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
-from urdfcal.robot.rig import Place, Target
+from urdfcal.robot.rig import SIX, Place, Target
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of, known_lengths
 from urdfcal.sensors.registry import SENSORS
 
@@ -54,7 +54,7 @@ def test_places_are_named_in_the_order_in_which_they_are_touched() -> None:
 def test_instruments_follow_from_the_readings() -> None:
     """Targets are whole where an orientation was read; a measuring frame is there where something is seen from it."""
     found = instruments_of([POINTS, TURNS, WIRE, PLANES, SOCKETS], "base")
-    assert found.targets == (Target("tool", "tool", whole=True), Target("tool:bar", "tool"), Target("tool:ball", "tool"))
+    assert found.targets == (Target("tool", "tool", SIX), Target("tool:bar", "tool"), Target("tool:ball", "tool"))
     assert (found.reference, found.placed) == ("base", True)
     assert [place.name for place in found.places] == ["tool:bar:wire", "plane:a", "plane:b", "socket:2", "socket:1"]
     assert not instruments_of([WIRE, PLANES, SOCKETS], "").placed

@@ -13,8 +13,8 @@ from urdfcal.sensors.sensor import View
 
 STEP = 1e-6
 POSES = 7
-PLACES = {"point": 0, "orientation": 0, "distance": 3, "plane": 3, "socket": 3}
-VALUES = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0}
+PLACES = {"point": 0, "orientation": 0, "distance": 3, "plane": 3, "socket": 3, "inclination": 2}
+VALUES = {"point": 3, "orientation": 4, "distance": 1, "plane": 0, "socket": 0, "inclination": 2}
 ANGLES = [0.0, 1e-12, 1e-9, 1e-5, 9e-5, 1.1e-4, 1e-2, 1.0, 3.0, np.pi - 1e-2, np.pi - 2e-3]
 KINDS = sorted(PLACES)
 
@@ -30,6 +30,8 @@ def values_of(kind: str, view: View, rng: np.random.Generator) -> Matrix:
     if kind == "orientation":
         off = Rotation.from_rotvec(rng.normal(0, 0.3, (POSES, 3))) * Rotation.from_matrix(view.R)
         return off.as_quat()
+    if kind == "inclination":
+        return SENSORS[kind].read(view) + rng.normal(0, 0.3, (POSES, 2))
     return rng.normal(0, 1, (POSES, VALUES[kind]))
 
 

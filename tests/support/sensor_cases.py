@@ -45,6 +45,7 @@ SINGLE = {
     "distance": SensorCase("ur5", ("distance:tool0",)),
     "plane": SensorCase("ur5", ("plane:tool0:probe",)),
     "socket": SensorCase("ur5", ("socket:tool0:ball",)),
+    "inclination": SensorCase("ur5", ("inclination:tool0",)),
 }
 ARRANGED = {
     "reference carried": SensorCase("panda", ("pose:panda_link0",), "panda_link8"),
@@ -98,5 +99,6 @@ def session_errors(setup: SimulatedSetup, options: ModelOptions, data: Measureme
     found = {slot.label: slot.found for slot in setup.errors.slots}
     slots = tuple(replace(slot, found=found.get(slot.label, {})) for slot in errors.slots)
     value = dict(zip(setup.errors.names, setup.x.tolist(), strict=True))
-    x = np.array([value.get(name, 0.0) if "socket:" in name or "plane:" in name or ":wire" in name else 0.0 for name in errors.names])
+    shared = [any(word in name for word in ("socket:", "plane:", ":wire", "gravity")) for name in errors.names]
+    x = np.array([value.get(name, 0.0) if own else 0.0 for name, own in zip(errors.names, shared, strict=True)])
     return replace(errors, slots=slots, planes=setup.errors.planes), x

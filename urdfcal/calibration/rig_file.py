@@ -7,7 +7,7 @@ Every entry may be missing:
     error_model: auto
     error_models: {joint3: offset}     # single joints
     estimate: [beams]
-    noise: {spot_mm: 1.0, joint_deg: 0.05, point_mm: 0.1}  # also orientation_deg, distance_mm, plane_mm, socket_mm, pixel_px
+    noise: {spot_mm: 1.0, joint_deg: 0.05, point_mm: 0.1}  # also orientation_deg, distance_mm, inclination_deg ...
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
     reference: tracker                 # link that points and orientations are measured from
     reference_known: false
@@ -31,7 +31,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, field_validator
 
 from urdfcal.base.errors import RigError, did_you_mean
 from urdfcal.base.files import read_yaml
@@ -59,16 +59,9 @@ class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class NoiseEntry(_Strict):
-    """Stated noise."""
+class _JointNoise(_Strict):
+    """Stated noise of the joints."""
 
-    spot_mm: Positive | None = None
-    point_mm: Positive | None = None
-    orientation_deg: Positive | None = None
-    distance_mm: Positive | None = None
-    plane_mm: Positive | None = None
-    socket_mm: Positive | None = None
-    pixel_px: Positive | None = None
     joint_deg: NotNegative | None = None
     joints_deg: dict[str, NotNegative] = {}
 
@@ -76,6 +69,13 @@ class NoiseEntry(_Strict):
         """What is stated, by kind of reading: [m], [rad] or [px]."""
         stated = {kind: getattr(self, f"{kind}_{of.unit}") for kind, of in WORDS.items()}
         return {kind: value * WORDS[kind].size for kind, value in stated.items() if value is not None}
+
+
+if TYPE_CHECKING:
+    NoiseEntry = _JointNoise
+else:  # with an entry for every kind that a sensor has
+    _OF_SENSORS = {f"{kind}_{of.unit}": (Positive | None, None) for kind, of in WORDS.items()}
+    NoiseEntry = create_model("NoiseEntry", __base__=_JointNoise, __doc__="Stated noise, by kind of reading.", **_OF_SENSORS)
 
 
 class ParameterEntry(_Strict):

@@ -163,14 +163,14 @@ def dh(
     from urdfcal.model.gauge import build_error_model
     from urdfcal.output.stored import corrected_robot, read_calibration
     from urdfcal.output.text.result import carried_lines, dh_block, dh_json
-    from urdfcal.robot.rig import Instruments
+    from urdfcal.robot.rig import SIX, Instruments
     from urdfcal.robot.rig import Target as InstrumentTarget
 
     if reference is not None and tip is None:
         raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     if tip is not None:
-        arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, True),), reference or "", True), ())
+        arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, SIX),), reference or "", True), ())
     say(verbose, about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:

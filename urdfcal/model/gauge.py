@@ -33,7 +33,6 @@ _CARRIERS: dict[Kind, str] = {
     "reference": "the measuring frame",
     "mount": "the mount",
     "target": "the target's offset",
-    "place": "the places that are touched",
 }
 _PLACES = "places"
 _NOT_THE_ROBOTS = ("reference", "target", "place", "camera")  # found from nothing, whatever is asked of the robot
@@ -140,9 +139,7 @@ def _gauge(
         key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic)),
     )
     jacobian = full_pose_jacobian(chain, errors)
-    if automatic and _unplaced(
-        rig, free
-    ):  # places that were found from nothing stand for the placement of everything, as a measuring frame does
+    if automatic and _unplaced(rig, free):  # places that were found from nothing stand for the placement of everything, as a frame does
         anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
         offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
         order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
@@ -150,7 +147,7 @@ def _gauge(
     if not automatic:  # a model named explicitly keeps what is its own; only a screen asked for on top must add something
         taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
     left_out = [column for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
-    carried = _carriers(offered, jacobian, sorted(taken), left_out) if automatic else {}
+    carried = _carriers(rig, offered, jacobian, sorted(taken), left_out) if automatic else {}
     entered = {offered[column].name for column in taken} | ({parameter.name for parameter in free} - set(errors.names))
     return [parameter for parameter in free if parameter.name in entered], carried
 
@@ -179,7 +176,7 @@ def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple
     return 2, -place, _WITHIN_JOINT.index(name) if name in _WITHIN_JOINT else 0
 
 
-def _carriers(offered: list[Parameter], jacobian: Matrix, taken: list[int], left_out: list[int]) -> dict[str, str]:
+def _carriers(rig: Rig, offered: list[Parameter], jacobian: Matrix, taken: list[int], left_out: list[int]) -> dict[str, str]:
     """What carries each parameter that was left out: the screen, the mount, or other joints.
 
     A left-out column is a combination of those that were taken; the groups with a share in it are named.
@@ -191,6 +188,7 @@ def _carriers(offered: list[Parameter], jacobian: Matrix, taken: list[int], left
     for column, share in zip(left_out, shares.T, strict=True):
         kinds = {offered[taken[index]].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
         words = [_CARRIERS[kind] for kind in _CARRIERS if kind in kinds]
+        words += list(dict.fromkeys(place.words for place in rig.instruments.places)) if "place" in kinds else []
         carried[offered[column].name] = " and ".join(words) or "other joints"
     return carried
 

@@ -120,8 +120,9 @@ def _frame_slots(rig: Rig) -> list[Slot]:
         places.setdefault(target.placed_by, []).append(index)
     for label, (first, *others) in places.items():
         target = seen.targets[first - 1]
-        count = 6 if target.whole or target.board else 3
-        slots.append(Slot(label, "target", SIX[:count], six_screws()[:, :count], (), frame=first, also=tuple(others)))
+        names = SIX if target.board else target.offset
+        screws = six_screws()[:, [SIX.index(name) for name in names]]
+        slots.append(Slot(label, "target", names, screws, (), frame=first, also=tuple(others)))
     return slots
 
 

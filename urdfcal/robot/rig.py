@@ -29,14 +29,14 @@ class Target:
     Attributes:
         name: Link, with `:<label>` behind it where one link has several targets.
         link: The link.
-        whole: Whether its orientation matters, so that its offset has six numbers; a point has three.
+        offset: Which numbers of its offset on the link matter, of SIX: of a point its translation.
         board: Name of the board that it is a corner of, and whose six numbers place it; the empty string for none.
         at: Where it is on that board, [m].
     """
 
     name: str
     link: str
-    whole: bool = False
+    offset: tuple[str, ...] = SIX[:3]
     board: str = ""
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -80,12 +80,14 @@ class Place:
         names: Second halves.
         units: Unit of each: m or rad.
         kind: `place`, of which nothing is known before, or `camera`: the screen's place before a calibrated camera.
+        words: What it is called where it carries something.
     """
 
     name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
     kind: Literal["place", "camera"] = "place"
+    words: str = "the places that are touched"
 
 
 @dataclass(frozen=True)

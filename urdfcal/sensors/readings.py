@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import DEG, MM, Labels, Mask, Matrix, Vector
-from urdfcal.robot.rig import Grid, Instruments, Place, Target
+from urdfcal.robot.rig import SIX, Grid, Instruments, Place, Target
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor
 
@@ -126,23 +126,25 @@ def instruments_of(
         UsageError: a board has no such corner.
     """
     beside = [each for each in readings if not each.kind.beam]
-    whole = {each.target for each in beside if each.sensor == "orientation"}
-    targets = {each.target: _target(each, each.target in whole, (boards or {}).get(each.link)) for each in beside}
+    offsets: dict[str, set[str]] = {}
+    for each in beside:
+        offsets.setdefault(each.target, set()).update(each.kind.offset)
+    targets = {each.target: _target(each, offsets[each.target], (boards or {}).get(each.link)) for each in beside}
     places = {place.name: place for each in beside for place in each.places}
     placed = any(each.kind.seen_from == "frame" for each in beside)
     before_screen = any(place.kind == "camera" for each in readings for place in each.kind.places(each.target, each.touched))
     return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if before_screen else ())
 
 
-def _target(readings: Readings, whole: bool, board: Grid | None) -> Target:
+def _target(readings: Readings, offset: Collection[str], board: Grid | None) -> Target:
     if board is None:
-        return Target(readings.target, readings.link, whole)
+        return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset))
     label = readings.target.partition(":")[2]
     if not label.isdecimal() or int(label) >= board.corners:
         raise UsageError(
             f"{readings.target}: the board {readings.link} has the corners {readings.link}:0 to {readings.link}:{board.corners - 1}"
         )
-    return Target(readings.target, readings.link, False, readings.link, board.at(int(label)))
+    return Target(readings.target, readings.link, SIX[:3], readings.link, board.at(int(label)))
 
 
 def _camera_sigma(camera: Any) -> tuple[float, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from urdfcal.sensors.inclinometer import InclinometerSensor
 from urdfcal.sensors.pixels import PixelSensor
 from urdfcal.sensors.sensor import Sensor, Words
 from urdfcal.sensors.spots import SpotPixelSensor, SpotSensor
@@ -20,6 +21,7 @@ SENSORS: Mapping[str, Sensor] = {
         SocketSensor(),
         PixelSensor(),
         SpotPixelSensor(),
+        InclinometerSensor(),
     )
 }
 WORDS: Mapping[str, Words] = {sensor.noise: sensor.words for sensor in SENSORS.values()}

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from urdfcal.base.geometry import DEG, MM, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.geometry import DEG, MM, SE3, Array3, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
-from urdfcal.robot.rig import Place
+from urdfcal.robot.rig import SIX, Place
 
 Quantity = Literal["length", "angle", "pixel", "ratio", "label"]
 QUANTITIES: Mapping[Quantity, Mapping[str, float]] = {
@@ -58,6 +58,37 @@ class Words:
     def told(self, sigma: float) -> str:
         """A standard deviation in SI as `0.28 mm`."""
         return f"{sigma / self.size:.3g} {self.unit}"
+
+
+@dataclass(frozen=True)
+class FoundPlace:
+    """A place that several poses share, as it was found.
+
+    Attributes:
+        numbers: Its numbers, (a,).
+        axes: Axes that they are in, as columns (3, 3); None for the measuring frame's own.
+    """
+
+    numbers: Vector
+    axes: Matrix | None = None
+
+
+class Draws(Protocol):
+    """What a simulated place is drawn with."""
+
+    def point(self, far: float) -> Vector:
+        """A point about the origin, (3,), [m]."""
+
+    def axes(self) -> Matrix:
+        """Any axes, (3, 3)."""
+
+
+class PlaceFault(Exception):
+    """Readings that tell too little of a place: the row of the first, and what was found and expected."""
+
+    def __init__(self, row: int, message: str) -> None:
+        super().__init__(message)
+        self.row, self.message = row, message
 
 
 class CellFault(Exception):
@@ -115,6 +146,8 @@ class Sensor:
         touches: Whether a reading is the touch of a labelled place.
         seen_from: The frame that p and R are in: the `screen`, a measuring frame that is placed itself (`frame`), or that of the
             places that are touched (`places`), which needs no placement.
+        offset: Which numbers of the target's offset on its link matter, of SIX.
+        anywhere: Whether it can read at any pose, unlike touches and pictures.
         beam: Whether the target is a laser: it leaves its frame's origin along +z.
         endings: Endings of its columns behind the target's name, with what they are.
         sigma_ending: Of the column that states the noise of each reading; the empty string for none.
@@ -130,6 +163,8 @@ class Sensor:
     numbers: ClassVar[int]
     touches: ClassVar[bool] = False
     seen_from: ClassVar[Literal["screen", "frame", "places"]] = "frame"
+    offset: ClassVar[tuple[str, ...]] = SIX[:3]
+    anywhere: ClassVar[bool] = False
     beam: ClassVar[bool] = False
     endings: ClassVar[Mapping[str, Quantity]]
     sigma_ending: ClassVar[str] = "sigma"
@@ -175,6 +210,29 @@ class Sensor:
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """What its readings of a target have in common over poses, one for every label that was touched."""
         return ()
+
+    def find_offset(self, R: Array3, b: Matrix, values: Matrix, labels: Labels) -> SE3 | None:
+        """The target's offset on its link, from nothing, where this sensor alone tells it.
+
+        Args:
+            R: Axes of the link at poses with a reading, (n, 3, 3), in the axes of the reference link.
+            b: Its origins, (n, 3), [m].
+            values: What was read, (n, stored).
+            labels: What was touched, (n,).
+        """
+        return None
+
+    def find_places(self, target: str, p: Matrix, R: Array3, values: Matrix, labels: Labels) -> Mapping[str, FoundPlace]:
+        """The places of its readings by name, from where the placed target has been, p (n, 3) with axes R (n, 3, 3).
+
+        Raises:
+            PlaceFault: there are too few readings of a place.
+        """
+        return {}
+
+    def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
+        """Places for a simulation, by name; `points` (1 + labels, 3) are where the target can be."""
+        return {}
 
     def seen(self, values: Matrix, labels: Labels) -> Mask:
         """At which poses there is a reading, (n,)."""

@@ -8,14 +8,31 @@ from typing import ClassVar
 import numpy as np
 import pinocchio as pin
 
-from urdfcal.base.geometry import DEG, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.closed_form import common_point, plane_through, wire_end
+from urdfcal.base.geometry import DEG, SE3, Array3, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import inverse_right_jacobian, matrices, quaternions_of, rotation_vectors
-from urdfcal.robot.rig import Place
-from urdfcal.sensors.sensor import CellFault, Change, Draw, Look, Quantity, Sensor, View, Words, point_jacobian, wrong_lengths
+from urdfcal.robot.rig import SIX, Place
+from urdfcal.sensors.sensor import (
+    CellFault,
+    Change,
+    Draw,
+    Draws,
+    FoundPlace,
+    Look,
+    PlaceFault,
+    Quantity,
+    Sensor,
+    View,
+    Words,
+    point_jacobian,
+    wrong_lengths,
+)
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion x, y, z, w
+_WIRE_FAR = 1.0  # [m] how far the end of a simulated wire is from the target, a standard deviation
+_LEAST_TOUCHES = 3
 _UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
 _LEAST_DISTANCE = 1e-9  # [m]; nearer to the end of a wire there is no direction to speak of
 
@@ -27,6 +44,7 @@ class PointSensor(Sensor):
     words = Words("point", "points", "point noise", "mm", 0.5, 20.0)
     stored = numbers = 3
     endings: ClassVar[Mapping[str, Quantity]] = {"x": "length", "y": "length", "z": "length"}
+    anywhere = True
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
@@ -65,6 +83,8 @@ class OrientationSensor(Sensor):
     name = noise = title = "orientation"
     words = Words("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0)
     stored, numbers = 4, 3
+    offset = SIX
+    anywhere = True
     endings: ClassVar[Mapping[str, Quantity]] = {**dict.fromkeys(QUATERNION, "ratio"), **dict.fromkeys(ROLL_PITCH_YAW, "angle")}
     sigma_ending = ""
     blank = (0.0, 0.0, 0.0, 1.0)
@@ -141,6 +161,7 @@ class DistanceSensor(Sensor):
     words = Words("distance", "distances", "distance noise", "mm", 0.5, 20.0)
     stored = numbers = 1
     endings: ClassVar[Mapping[str, Quantity]] = {"distance": "length"}
+    anywhere = True
     seen_from = "places"
 
     def look(self, view: View, values: Matrix) -> Look:
@@ -165,6 +186,14 @@ class DistanceSensor(Sensor):
             row = int(np.argmax(below))
             raise CellFault(row, "distance", f"{columns['distance'][row]:g} m is below zero; expected a distance, or nothing")
         return super().kept(columns)
+
+    def find_places(self, target: str, p: Matrix, R: Array3, values: Matrix, labels: Labels) -> Mapping[str, FoundPlace]:
+        """See the base class."""
+        return {f"{target}:wire": FoundPlace(wire_end(p, values[:, 0]))}
+
+    def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
+        """See the base class."""
+        return {f"{target}:wire": FoundPlace(points[0] + draw.point(_WIRE_FAR))}
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The fixed end of the wire."""
@@ -196,6 +225,29 @@ class PlaneSensor(Sensor):
         """See the base class."""
         return np.empty((len(view.p), 0))
 
+    def find_places(self, target: str, p: Matrix, R: Array3, values: Matrix, labels: Labels) -> Mapping[str, FoundPlace]:
+        """See the base class; a plane that was touched less than three times fits any probe."""
+        found = {}
+        for label in dict.fromkeys(labels.tolist()):
+            rows = np.flatnonzero(labels == label)
+            if len(rows) < _LEAST_TOUCHES:
+                count = "once" if len(rows) == 1 else "twice"
+                message = (
+                    f"plane '{label}' is touched {count}, expected three times or more; touch it at more poses, or leave its cells empty"
+                )
+                raise PlaceFault(int(rows[0]), message)
+            axes, offset = plane_through(p[rows])
+            found[f"plane:{label}"] = FoundPlace(np.array([0.0, 0.0, offset]), axes)
+        return found
+
+    def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
+        """See the base class."""
+        found = {}
+        for label, point in zip(labels, points, strict=False):
+            axes = draw.axes()
+            found[f"plane:{label}"] = FoundPlace(np.array([0.0, 0.0, float(axes[:, 0] @ point)]), axes)
+        return found
+
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The planes."""
         return tuple(Place(f"plane:{label}", ("tilt_1", "tilt_2", "offset"), ("rad", "rad", "m")) for label in labels)
@@ -218,6 +270,19 @@ class SocketSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class."""
         return np.empty((len(view.p), 0))
+
+    def find_offset(self, R: Array3, b: Matrix, values: Matrix, labels: Labels) -> SE3:
+        """See the base class; R_i x + b_i - s = 0 of all poses and sockets at once."""
+        _, index = np.unique(labels, return_inverse=True)
+        return pin.SE3(np.eye(3), common_point(R, b, index))
+
+    def find_places(self, target: str, p: Matrix, R: Array3, values: Matrix, labels: Labels) -> Mapping[str, FoundPlace]:
+        """See the base class."""
+        return {f"socket:{label}": FoundPlace(p[labels == label].mean(axis=0)) for label in dict.fromkeys(labels.tolist())}
+
+    def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
+        """See the base class."""
+        return {f"socket:{label}": FoundPlace(point) for label, point in zip(labels, points, strict=False)}
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The sockets' points."""

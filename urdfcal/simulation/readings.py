@@ -178,8 +178,10 @@ def _read(
     """What one sensor reads of its target, seen at p with axes R."""
     n, how = len(p), SENSORS[kind]
     labels = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
-    numbers = [] if how.touches else [setup.place(place.name) for place in how.places(sensor.target, ())]
-    view = View(p, R, np.tile(np.concatenate(numbers), (n, 1)) if numbers else np.empty((n, 0)), np.broadcast_to(np.eye(3), (n, 3, 3)))
+    places = () if how.touches else how.places(sensor.target, ())
+    numbers = np.concatenate([np.empty(0), *(setup.place(place.name) for place in places)])
+    axes = next((setup.errors.planes[place.name] for place in places if place.name in setup.errors.planes), np.eye(3))
+    view = View(p, R, np.tile(numbers, (n, 1)), np.broadcast_to(axes, (n, 3, 3)))
     scale = noise.angle if how.words.unit == "deg" else noise.length
     values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
     touched = np.array(labels, dtype=str) if how.touches else np.full(n, "")

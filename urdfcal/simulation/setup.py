@@ -20,18 +20,14 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
+from urdfcal.sensors.registry import SENSORS
 
-SENSOR_KINDS: dict[str, tuple[str, ...]] = {
-    "point": ("point",),
-    "pose": ("point", "orientation"),
-    "distance": ("distance",),
-    "plane": ("plane",),
-    "socket": ("socket",),
-}
-TOUCHES = ("plane", "socket")
-_FRAME_FAR, _TARGET_FAR, _WIRE_FAR = 1.0, 0.08, 1.0  # [m] how far instruments stand from what they are on, a standard deviation
+_ALONE = [name for name, sensor in SENSORS.items() if (sensor.anywhere or sensor.touches) and name not in ("point", "orientation")]
+SENSOR_KINDS: dict[str, tuple[str, ...]] = {"point": ("point",), "pose": ("point", "orientation"), **{name: (name,) for name in _ALONE}}
+_FRAME_FAR, _TARGET_FAR = 1.0, 0.08  # [m] how far instruments stand from what they are on, a standard deviation
 
 
 @dataclass(frozen=True)
@@ -97,7 +93,8 @@ class SimulatedSetup:
         places = {}
         for place in self.robot.instruments.places:
             numbers, axes = self.place(place.name).tolist(), self.errors.planes.get(place.name)
-            places[place.name] = {"xyz": numbers} if axes is None else {"normal": axes[:, 0].tolist(), "offset": numbers[2]}
+            beside = {name: value for name, value in zip(place.names, numbers, strict=True) if not name.startswith("tilt_")}
+            places[place.name] = {"xyz": numbers} if axes is None else {"normal": axes[:, 0].tolist(), **beside}
         return {"frames": frames, "places": places} if places else {"frames": frames}
 
 
@@ -123,7 +120,7 @@ def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
         raise UsageError(f"--sensor {text}: expected laser, or one of {', '.join(f'{known}:LINK' for known in SENSOR_KINDS)}")
     if link not in links:
         raise UsageError(f"--sensor {text}: {no_such('link', link, links)}")
-    return SimulatedSensor(kind, target, link, places if kind in TOUCHES else 0)
+    return SimulatedSensor(kind, target, link, places if any(SENSORS[name].touches for name in SENSOR_KINDS[kind]) else 0)
 
 
 def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str = "", lasers: bool = False) -> Robot:
@@ -174,7 +171,7 @@ def simulated_setup(
         if slot.kind == "reference" and not reference_known:
             slot = replace(slot, found={session: _somewhere(rng, _FRAME_FAR) for session in sessions})
         elif slot.kind == "target":
-            placement = _somewhere(rng, _TARGET_FAR, turned=len(slot.names) == 6)
+            placement = _somewhere(rng, _TARGET_FAR, turned=SIX[3] in slot.names)
             slot = replace(slot, found=dict.fromkeys(sessions, placement))
         slots.append(slot)
     beside = [parameter.kind in INSTRUMENTS for parameter in errors.parameters]
@@ -205,23 +202,30 @@ def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3
 
 def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSetup:
     """Sockets and planes where the target is at a random pose, ends of wires beside one."""
-    values, planes = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), {}
+    values, draw = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), _Draws(rng)
+    axes: dict[str, Matrix] = {}
     for sensor, labels in zip(setup.sensors, place_labels(setup.sensors), strict=True):
         points = setup.motion(random_positions(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
-        if sensor.kind == "distance":
-            values |= _named(f"{sensor.target}:wire", points[0] + rng.normal(0, _WIRE_FAR, 3))
-        for label, point in zip(labels, points, strict=False):
-            if sensor.kind == "socket":
-                values |= _named(f"socket:{label}", point)
-            else:
-                axes = _somewhere(rng, 0.0).rotation
-                planes[f"plane:{label}"], values[f"plane:{label}.offset"] = axes, float(axes[:, 0] @ point)
+        for how in (SENSORS[kind] for kind in SENSOR_KINDS[sensor.kind]):
+            names = {place.name: place.names for place in how.places(sensor.target, labels)}
+            for name, found in how.simulated_places(sensor.target, labels, points, draw).items():
+                values |= {f"{name}.{own}": float(value) for own, value in zip(names[name], found.numbers, strict=True)}
+                axes |= {} if found.axes is None else {name: found.axes}
     x = np.array([values[name] for name in setup.errors.names])
-    return replace(setup, x=x, errors=replace(setup.errors, planes=planes))
+    return replace(setup, x=x, errors=replace(setup.errors, planes=axes))
 
 
-def _named(place: str, point: Vector) -> dict[str, float]:
-    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
+@dataclass(frozen=True)
+class _Draws:
+    """Points and axes at random."""
+
+    rng: np.random.Generator
+
+    def point(self, far: float) -> Vector:
+        return self.rng.normal(0, far, 3)
+
+    def axes(self) -> Matrix:
+        return np.asarray(_somewhere(self.rng, 0.0).rotation)
 
 
 def random_positions(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:

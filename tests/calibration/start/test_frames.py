@@ -11,10 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.support.helpers import assert_poses_close
 from tests.support.sensor_cases import CASES, SensorCase, setup_of
-from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import Array3, Matrix
-from urdfcal.calibration.problem import Problem
-from urdfcal.calibration.start.closed_form import (
+from urdfcal.base.closed_form import (
     common_point,
     nearest_rotation,
     plane_through,
@@ -23,6 +20,9 @@ from urdfcal.calibration.start.closed_form import (
     umeyama,
     wire_end,
 )
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import Array3, Matrix
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.frames import place_instruments
 from urdfcal.calibration.start.nominal import nominal_fit, with_new_places
 from urdfcal.estimation.noise import Noise

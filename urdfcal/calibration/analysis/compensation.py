@@ -38,7 +38,7 @@ from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Softness, Term, is_known
 from urdfcal.robot.configurations import WholeRobot, whole_configurations
-from urdfcal.robot.rig import Instruments, Target
+from urdfcal.robot.rig import SIX, Instruments, Target
 from urdfcal.robot.robot import Robot, load_robot, with_text
 
 _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would move
@@ -328,7 +328,7 @@ def _require_pair(path: Path, urdf: Path, expected: str) -> None:
 def _robot_of(urdf: Path, rig: Mapping[str, Any], path: Path, package_dirs: Sequence[str | Path]) -> Robot:
     if "lasers" in rig:
         return load_robot(urdf, package_dirs=package_dirs, screen=str(rig["screen"]), lasers=[str(laser) for laser in rig["lasers"]])
-    targets = tuple(Target(str(link), str(link), True) for link in rig["targets"])
+    targets = tuple(Target(str(link), str(link), SIX) for link in rig["targets"])
     if not targets:
         raise CalibrationFileError("rig: expected at least one target", path)
     bare = load_robot(urdf, package_dirs=package_dirs)

@@ -29,8 +29,6 @@ from urdfcal.sensors.readings import Readings, blank_readings
 
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 
-_ANYWHERE = ("point", "orientation", "distance")  # what can be read at any pose, unlike touches
-
 
 @dataclass(frozen=True)
 class Suggestion:
@@ -115,7 +113,7 @@ def reading_suggestions(trial: Trial, rng: np.random.Generator) -> Iterator[Sugg
     H = trial.rows(trial.data)
     same = posterior_of(trial.errors, np.vstack([H, H]))
     known, before = set(determined_names(trial.errors, same)), open_share(trial.errors, same)
-    if all(each.sensor in _ANYWHERE for each in trial.data.readings):
+    if all(each.kind.anywhere for each in trial.data.readings):
         for words, further in _more_range(trial, rng):
             yield from if_worth(trial.errors, words, before, posterior_of(trial.errors, np.vstack([H, trial.rows(further)])), known)
     for words, P in _orientations(trial):

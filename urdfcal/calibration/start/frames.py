@@ -13,26 +13,25 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
-from urdfcal.base.rotations import matrices
-from urdfcal.calibration.problem import seen_placement
-from urdfcal.calibration.start.closed_form import (
+from urdfcal.base.closed_form import (
     camera_before,
-    common_point,
     nearest_rotation,
-    plane_through,
     point_and_frame,
     robot_world_hand_eye,
     umeyama,
-    wire_end,
 )
+from urdfcal.base.errors import UsageError
+from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix
+from urdfcal.base.rotations import matrices
+from urdfcal.calibration.problem import seen_placement
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.model.parameters import DEFAULT_PRIORS, INSTRUMENTS, PriorScale
 from urdfcal.model.slots import Slot
+from urdfcal.robot.rig import SIX
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings
+from urdfcal.sensors.sensor import PlaceFault
 
 Rows = npt.NDArray[np.intp]
 
@@ -102,7 +101,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
     for view in [*seen, *seen]:  # the second time for what needed something that was found later
         _place(view, known)
     _place_cameras(errors, data, known)
-    _place_sockets(errors, data, known)
+    _place_by_sensor(errors, data, known)
     slots = tuple(_found(slot, known, errors.sessions) if slot.label in free else slot for slot in errors.slots)
     return with_places(replace(errors, slots=slots), data)
 
@@ -241,15 +240,22 @@ def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> Non
             known.frames[session] = camera_before(b + R @ offset, data.camera.rays(each.values[rows]))
 
 
-def _place_sockets(errors: ErrorModel, data: Measurements, known: _Known) -> None:
-    """Offsets of targets that only touch sockets: R_i x + b_i - s = 0 of all poses and sockets at once."""
-    for each in data.readings:
-        if each.sensor == "socket" and each.target not in known.offsets and each.seen.any():
-            rows = np.flatnonzero(each.seen)
+def _place_by_sensor(errors: ErrorModel, data: Measurements, known: _Known) -> None:
+    """Offsets of targets, or how they are turned, where only one sensor tells it by itself."""
+    turned = {each.target for each in data.readings if each.sensor == "orientation"}
+    for each in (each for each in data.readings if each.seen.any()):
+        if each.target in known.offsets and (each.kind.offset != SIX[3:] or each.target in turned):
+            continue
+        rows = np.flatnonzero(each.seen)
+        if each.kind.touches:
             _require_a_return(data)
-            R, b = _per_session(errors, data, each.target, rows)
-            index = np.array([each.touched.index(str(label)) for label in each.labels[rows]])
-            known.offsets[each.target] = pin.SE3(np.eye(3), common_point(R, b, index))
+        if each.kind.beam or each.link in data.boards:
+            continue
+        R, b = _per_session(errors, data, each.target, rows)
+        found = each.kind.find_offset(R, b, each.values[rows], each.labels[rows])
+        if found is not None:
+            before = known.offsets.get(each.target)
+            known.offsets[each.target] = found if before is None else pin.SE3(found.rotation, before.translation)
 
 
 def _require_a_return(data: Measurements) -> None:
@@ -279,48 +285,25 @@ def _per_session(errors: ErrorModel, data: Measurements, target: str, rows: Rows
 
 
 def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
-    """Prior means of sockets, planes and wire ends, from where the placed targets have them."""
+    """Prior means of places that poses share, and the axes that they are in, from where the placed targets have them."""
     means: dict[str, float] = {}
-    planes: dict[str, Matrix] = {}
-    for each in data.readings:
-        if not each.places:
+    axes: dict[str, Matrix] = {}
+    for each in (each for each in data.readings if each.places):
+        known = [label for label, place in zip(each.touched, each.places, strict=False) if place.name in errors.planes]
+        rows = np.flatnonzero(each.seen & ~np.isin(each.labels, known))  # what is held refers to axes that are known already
+        if not len(rows) or (not each.kind.touches and each.places[0].name in errors.planes):
             continue
-        rows = np.flatnonzero(each.seen)
-        if not len(rows):
-            continue
-        _, p = _per_session(errors, data, each.target, rows)
-        if each.sensor == "distance":
-            means |= _named(each.places[0].name, wire_end(p, each.values[rows, 0]))
-            continue
-        for label, place in zip(each.touched, each.places, strict=True):
-            if place.name in errors.planes:
-                continue  # known already, and what is held refers to its axes
-            own = p[each.labels[rows] == label]
-            if each.sensor == "socket":
-                means |= _named(place.name, own.mean(axis=0))
-            else:
-                _require_touches(data, rows[each.labels[rows] == label], label)
-                planes[place.name], means[f"{place.name}.offset"] = plane_through(own)
+        R, p = _per_session(errors, data, each.target, rows)
+        try:
+            found = each.kind.find_places(each.target, p, R, each.values[rows], each.labels[rows])
+        except PlaceFault as fault:
+            raise UsageError(f"{data.where(int(rows[fault.row]))}: {fault.message}") from None
+        names = {place.name: place.names for place in each.places}
+        for name, place in found.items():
+            means |= {f"{name}.{own}": float(value) for own, value in zip(names[name], place.numbers, strict=True)}
+        axes |= {name: place.axes for name, place in found.items() if place.axes is not None}
     stated = [
-        replace(parameter, mean=means[parameter.name]) if parameter.name in means and not parameter.mean else parameter
+        replace(parameter, mean=means[parameter.name]) if means.get(parameter.name) and not parameter.mean else parameter
         for parameter in errors.parameters
     ]
-    return replace(errors, parameters=tuple(stated), planes={**errors.planes, **planes})
-
-
-def _require_touches(data: Measurements, poses: Vector, label: str) -> None:
-    """Refuse a plane that any probe would fit.
-
-    Raises:
-        UsageError: where the plane was touched first, and how often.
-    """
-    if len(poses) < _LEAST_POINTS:
-        count = "once" if len(poses) == 1 else "twice"
-        raise UsageError(
-            f"{data.where(int(poses[0]))}: plane '{label}' is touched {count}, expected three times or more; "
-            "touch it at more poses, or leave its cells empty"
-        )
-
-
-def _named(place: str, point: Sequence[float] | Vector) -> dict[str, float]:
-    return {f"{place}.{axis}": float(value) for axis, value in zip("xyz", point, strict=True)}
+    return replace(errors, parameters=tuple(stated), planes={**errors.planes, **axes})

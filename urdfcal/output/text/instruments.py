@@ -12,6 +12,7 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.model.slots import Slot
+from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
@@ -101,14 +102,14 @@ def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
                     "xyz": [float(value) for value in xyz],
                     "rpy": [float(value) for value in rpy],
                     "sigma": _sigma(calibration, slot, label, "trans"),
-                    "rotation_sigma": _sigma(calibration, slot, label, "rot") if len(slot.names) > 3 else None,
+                    "rotation_sigma": _sigma(calibration, slot, label, "rot") if SIX[3] in slot.names else None,
                 }
             )
     return entries
 
 
 def place_entries(calibration: FitResult) -> list[dict[str, Any]]:
-    """Where sockets, planes and the ends of wires were found, in the measuring frame, SI; a plane is normal . p = offset."""
+    """Where sockets, planes and the ends of wires were found, in the measuring frame, SI; a plane is normal . p = offset, up a normal."""
     errors = calibration.errors
     values = {**errors.held, **dict(zip(errors.names, calibration.x.tolist(), strict=True))}
     sigmas = dict(zip(errors.names, calibration.sigma.tolist(), strict=True))
@@ -121,10 +122,11 @@ def place_entries(calibration: FitResult) -> list[dict[str, Any]]:
         entry: dict[str, Any] = {"name": place.name}
         if place.name in errors.planes:
             lean = errors.planes[place.name] @ np.array([1.0, *found[:2]])
-            entry |= {"normal": (lean / np.linalg.norm(lean)).tolist(), "offset": found[2]}
+            entry |= {"normal": (lean / np.linalg.norm(lean)).tolist(), **dict(zip(place.names[2:], found[2:], strict=True))}
         else:
             entry["xyz"] = found
-        lengths = [sigmas.get(name, 0.0) for name, unit in zip(names, place.units, strict=True) if unit == "m"]
+        unit = "m" if "m" in place.units else "rad"
+        lengths = [sigmas.get(name, 0.0) for name, own in zip(names, place.units, strict=True) if own == unit]
         entries.append({**entry, "sigma": float(np.sqrt(np.mean(np.square(lengths))))})
     return entries
 
