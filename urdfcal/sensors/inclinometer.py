@@ -37,6 +37,7 @@ class InclinometerSensor(Sensor):
     name = noise = title = "inclination"
     words = Words("inclination", "inclinations", "inclination noise", "deg", 0.02, 5.0)
     stored = numbers = 2
+    components = "xy"
     endings: ClassVar[Mapping[str, Quantity]] = {"incl_x": "angle", "incl_y": "angle"}
     offset = SIX[3:]
     seen_from = "places"

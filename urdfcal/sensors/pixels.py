@@ -18,6 +18,7 @@ class PixelSensor(Sensor):
     words = PIXEL_WORDS
     title = "pixels"
     stored = numbers = 2
+    components = "uv"
     endings: ClassVar[Mapping[str, Quantity]] = {"u": "pixel", "v": "pixel"}
     sigma_ending = "sigma_px"
 

@@ -143,6 +143,8 @@ class Sensor:
         title: What tables call it behind the target's name.
         stored: How many numbers a reading is kept as; none for a touch, which is a label.
         numbers: How many numbers its residual has, k.
+        components: Their names, a letter each; the empty string where they have none.
+        drawn: What marks at `drawn_at` are, in words.
         touches: Whether a reading is the touch of a labelled place.
         seen_from: The frame that p and R are in: the `screen`, a measuring frame that is placed itself (`frame`), or that of the
             places that are touched (`places`), which needs no placement.
@@ -161,6 +163,8 @@ class Sensor:
     title: ClassVar[str] = ""
     stored: ClassVar[int]
     numbers: ClassVar[int]
+    components: ClassVar[str] = ""
+    drawn: ClassVar[str] = ""
     touches: ClassVar[bool] = False
     seen_from: ClassVar[Literal["screen", "frame", "places"]] = "frame"
     offset: ClassVar[tuple[str, ...]] = SIX[:3]
@@ -241,6 +245,10 @@ class Sensor:
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Which numbers of the residual were read, (n, k)."""
         return np.repeat(self.seen(values, labels)[:, None], self.numbers, axis=1)
+
+    def drawn_at(self, view: View, values: Matrix) -> Matrix | None:
+        """Where a map has its readings, along the axes of the residual, (n, k), [m]; None where they say nothing of it."""
+        return None
 
 
 def point_jacobian(p: Matrix) -> Array3:

@@ -156,6 +156,8 @@ class SpotSensor(Sensor):
     name = noise = "spot"
     words = Words("spot", "spots", "spot noise", "mm", 1.0, float("inf"))  # the screen may be far away
     stored = numbers = 2
+    components = "yz"
+    drawn = "measured spots"
     seen_from = "screen"
     beam = True
     endings: ClassVar[Mapping[str, Quantity]] = {"y": "length", "z": "length"}
@@ -184,6 +186,10 @@ class SpotSensor(Sensor):
         """See the base class; on the screen itself, since its link has its own y and z."""
         turned = {words: partial(_turned, np.array(matrix, dtype=float)) for words, matrix in _ON_SCREEN.items()}
         return {**turned, **wrong_lengths("spots")}
+
+    def drawn_at(self, view: View, values: Matrix) -> Matrix:
+        """See the base class."""
+        return values
 
 
 def _turned(matrix: Matrix, spots: Matrix) -> Matrix:

@@ -43,6 +43,8 @@ class PointSensor(Sensor):
     name = noise = "point"
     words = Words("point", "points", "point noise", "mm", 0.5, 20.0)
     stored = numbers = 3
+    components = "xyz"
+    drawn = "measured points"
     endings: ClassVar[Mapping[str, Quantity]] = {"x": "length", "y": "length", "z": "length"}
     anywhere = True
 
@@ -72,6 +74,10 @@ class PointSensor(Sensor):
         """See the base class; what was never read has no column."""
         return {axis: column for axis, column in super().written(values).items() if not np.isnan(column).all()}
 
+    def drawn_at(self, view: View, values: Matrix) -> Matrix:
+        """See the base class."""
+        return values
+
 
 class OrientationSensor(Sensor):
     """The target's axes: e = log(R_measured R'), in the measuring frame's axes; kept as unit quaternions x, y, z, w.
@@ -83,6 +89,7 @@ class OrientationSensor(Sensor):
     name = noise = title = "orientation"
     words = Words("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0)
     stored, numbers = 4, 3
+    components = "xyz"
     offset = SIX
     anywhere = True
     endings: ClassVar[Mapping[str, Quantity]] = {**dict.fromkeys(QUATERNION, "ratio"), **dict.fromkeys(ROLL_PITCH_YAW, "angle")}
@@ -259,6 +266,8 @@ class SocketSensor(Sensor):
     name = noise = title = "socket"
     words = Words("touch of a socket", "touches of sockets", "socket noise", "mm", 0.5, 10.0)
     stored, numbers = 0, 3
+    components = "xyz"
+    drawn = "sockets"
     endings: ClassVar[Mapping[str, Quantity]] = {"socket": "label"}
     touches = True
     seen_from = "places"
@@ -287,3 +296,7 @@ class SocketSensor(Sensor):
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The sockets' points."""
         return tuple(Place(f"socket:{label}", ("x", "y", "z"), ("m", "m", "m")) for label in labels)
+
+    def drawn_at(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; where the touched socket was found."""
+        return view.place
