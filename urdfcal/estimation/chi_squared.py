@@ -1,57 +1,59 @@
-"""TODO."""
+"""The chi-squared distribution, without scipy, which takes longer to load than a fit takes.
+
+Its upper tail has a closed form for whole degrees of freedom (Abramowitz and Stegun, 26.4.4 and 26.4.5); quantiles are found on it by
+bisection.
+"""
 
 from __future__ import annotations
 
 import math
 from functools import cache
-from math import exp, factorial
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.base.geometry import Matrix
 
 GATE = 0.999  # share of good poses that lie within the gate
-MEDIANS = {1: 0.454936, 2: 2 * np.log(2.0), 3: 2.365974, 6: 5.348121}  # of chi-squared, by degrees of freedom
+MEDIANS = {1: 0.454936, 2: 2 * math.log(2.0), 3: 2.365974}  # rounded to these digits, on which the figures of robust fits rest
+_HALVINGS = 100  # more than a double has digits
 
 
-@cache
-def chi_squared_gate(numbers: int) -> float:
-    """The 99.9 % quantile of chi-squared; 0 for nothing measured.
-
-    A beam gives two numbers, and for an even number of degrees of freedom the tail beyond 2 h is exp(-h) (1 + h + ... + h^(k-1)/(k-1)!).
-    """
-    low, high = 0.0, 20.0 + 5.0 * numbers
-    while high - low > 1e-9 and numbers:
-        half = (low + high) / 4
-        tail = exp(-half) * sum(half**power / factorial(power) for power in range(numbers // 2))
-        low, high = (2 * half, high) if tail > 1 - GATE else (low, 2 * half)
-    return low
-
-
-def medians(freedom: Matrix) -> Matrix:
-    """Of chi-squared; there are few different degrees of freedom."""
-    some, which = np.unique(freedom, return_inverse=True)
-    return np.array([_median(each) for each in some.tolist()])[which].reshape(freedom.shape)
-
-
-def _median(freedom: int) -> float:
-    """Of chi-squared, by Wilson and Hilferty where it is not tabulated."""
-    return MEDIANS.get(int(freedom), float(freedom) * (1 - 2 / (9 * max(float(freedom), 1.0))) ** 3) if freedom else np.nan
-
-
-def chance_beyond(squared: float, degrees: int) -> float:
+def tail(squared: float, degrees: int) -> float:
     """Probability that chi-squared with so many degrees of freedom is larger."""
     half, odd = squared / 2, degrees % 2
     chance = math.erfc(math.sqrt(half)) if odd else math.exp(-half)
+    term = 2 * math.sqrt(half / math.pi) * math.exp(-half) if odd else half * math.exp(-half)
     for below in range(2 - odd, degrees, 2):
-        chance += half ** (below / 2) * math.exp(-half) / math.gamma(below / 2 + 1)
+        chance += term
+        term *= half / (below / 2 + 1)
     return chance
 
 
-def chi_squared_median(degrees: int) -> float:
-    """The median of chi-squared with so many degrees of freedom, by bisection."""
-    low, high = 0.0, 2.0 * degrees + 2
-    while high - low > 1e-12 * degrees:
+@cache
+def quantile(share: float, degrees: int) -> float:
+    """What a share of chi-squared with so many degrees of freedom lies below."""
+    low, high = 0.0, 1.0
+    while tail(high, degrees) > 1 - share:
+        low, high = high, 2 * high
+    for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if chance_beyond(middle, degrees) > 0.5 else (low, middle)
+        low, high = (middle, high) if tail(middle, degrees) > 1 - share else (low, middle)
     return (low + high) / 2
+
+
+def chi_squared_gate(numbers: int) -> float:
+    """What good poses of so many numbers stay within; 0 for nothing measured."""
+    return quantile(GATE, numbers) if numbers else 0.0
+
+
+def median(degrees: int) -> float:
+    """What half of chi-squared with so many degrees of freedom lies below; nan for none."""
+    return MEDIANS.get(degrees) or (quantile(0.5, degrees) if degrees else math.nan)
+
+
+def medians(freedom: npt.NDArray[Any]) -> Matrix:
+    """Medians by degrees of freedom; there are few different ones."""
+    some, which = np.unique(freedom, return_inverse=True)
+    return np.array([median(int(degrees)) for degrees in some.tolist()])[which].reshape(freedom.shape)

@@ -55,3 +55,17 @@ def test_a_picture_says_nothing_of_its_maker(picture: Picture) -> None:
     assert not re.search(r"<metadata|<!--|<!DOCTYPE|\bwidth=\"[\d.]+pt", picture.svg)
     assert not re.search(r"#[0-9a-f]{6}\b", re.sub(r">[^<]*<", "><", picture.svg))
     assert "var(--c0)" in picture.svg
+
+
+@pytest.mark.parametrize(("label", "columns"), [("y", 4), ("forearm_link pixels", 2), ("a_link_with_quite_a_long_name orientation", 1)])
+def test_legends_stay_inside_the_picture(label: str, columns: int) -> None:
+    """Long names stand beside each other as far as there is room."""
+
+    def lines(axes: Axes) -> None:
+        for number in range(4):
+            axes.plot([0, 1], [0, number], label=label if number else "a")
+
+    with house_style():
+        root = etree.fromstring(draw_picture("maps", "Title", "Caption", 2.0, lines).svg)
+    found = [element for element in root.iter("{*}text") if "".join(element.itertext()) in (label, "a")]
+    assert len({element.get("y") or element.get("transform", "").split()[1] for element in found}) == -(-4 // columns)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from tests.support.paths import SHARED_DATA
 from tests.support.sensor_cases import CASES, NOISE, setup_of
@@ -17,12 +16,12 @@ from urdfcal.api import Calibration, fit
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.check import check
 from urdfcal.calibration.problem import Problem
-from urdfcal.estimation.chi_squared import chance_beyond, chi_squared_median
 from urdfcal.estimation.robust import squared_distances
 from urdfcal.output.report.content import Report, report_of
 from urdfcal.output.report.html import page
 from urdfcal.output.report.markdown import markdown
-from urdfcal.output.report.reading_residuals import reading_residuals, reading_suspects
+from urdfcal.output.report.residuals import residuals_of
+from urdfcal.output.report.suspects import suspects
 from urdfcal.output.report.verdict import verdict_of
 from urdfcal.output.text.check import check_blocks, check_json
 from urdfcal.output.text.instruments import length_entries, parameters_in_words, place_entries
@@ -55,14 +54,12 @@ def case(request: pytest.FixtureRequest, robots: dict[str, Robot]) -> Calibratio
     return calibrated(request.param, robots)
 
 
-def test_residuals_of_readings_are_those_of_the_tables(case: Calibration) -> None:
+def test_residuals_are_those_of_the_tables(case: Calibration) -> None:
     """Mean, number and unit of every reading's residuals are the before and after tables' own, of fitted and of test poses."""
     tables = {"fit": (case.before, case.after), "test": case.test or ({}, {})}
-    sets = reading_residuals(case)
-    assert {(each.label, each.name) for each in sets if len(each.rows)} == {
-        (label, name) for label, (_, after) in tables.items() for name in after if name not in case.data.lasers
-    }
-    for each in (each for each in sets if len(each.rows)):
+    sets = residuals_of(case)
+    assert {(each.label, each.name) for each in sets} == {(label, name) for label, (_, after) in tables.items() for name in after}
+    for each in sets:
         for table, sizes in zip(tables[each.label], (each.before_size, each.after_size), strict=True):
             assert (table[each.name].n, table[each.name].unit) == (len(sizes), each.unit)
             assert np.mean(sizes) == pytest.approx(table[each.name].mean, rel=1e-6, abs=1e-9)
@@ -73,7 +70,7 @@ def test_squared_lengths_are_the_gate_s(case: Calibration) -> None:
     model = Problem(case.errors, case.data)
     d2 = squared_distances(model.linearise(case.x), case.estimate.noise)[: len(case.data)]
     columns = {block.name: d2[:, index] for index, block in enumerate(model.blocks)}
-    for each in (each for each in reading_residuals(case) if each.label == "fit"):
+    for each in (each for each in residuals_of(case) if each.label == "fit"):
         assert each.lengths**2 == pytest.approx(columns[each.name][each.rows], rel=1e-9, abs=1e-12)
 
 
@@ -117,21 +114,13 @@ def test_every_arrangement_can_be_checked(case: Calibration) -> None:
     assert len(json.loads(json.dumps(check_json(result)))["parameters"]) == len(result.errors.names)
 
 
-@pytest.mark.parametrize("degrees", [1, 2, 3, 4, 6])
-def test_chances_are_those_of_chi_squared(degrees: int) -> None:
-    """The tail and the median of chi-squared are SciPy's."""
-    for squared in (0.01, 1.0, 7.5, 40.0):
-        assert chance_beyond(squared, degrees) == pytest.approx(chi2.sf(squared, degrees), rel=1e-10)
-    assert chi_squared_median(degrees) == pytest.approx(chi2.median(degrees), rel=1e-9)
-
-
 def test_a_wild_reading_is_named_and_healthy_ones_are_not(robots: dict[str, Robot]) -> None:
     """A point that is 20 mm off is the one suspect, and the verdict names its pose, when the fit has to live with it."""
     rng = np.random.default_rng(3)
     setup = setup_of(CASES["pose"], robots, rng)
     data = simulate_readings(setup, 60, rng, NOISE)
     healthy = fit(setup.robot, data, gated=False, evidence=False)
-    assert reading_suspects(healthy, reading_residuals(healthy)) == []
+    assert suspects(healthy, residuals_of(healthy)) == []
     data.readings[0].values[11, 1] += 0.02
     calibration = fit(setup.robot, data, gated=False, evidence=False)
     report = report_of(calibration, COMMAND)

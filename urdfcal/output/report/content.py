@@ -15,10 +15,11 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.identifiability import DETERMINED, Combination
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
 from urdfcal.output.report.document import Block, Cell, Gallery, Points, Section, Share, Table
-from urdfcal.output.report.reading_residuals import ReadingResiduals, reading_residuals, reading_suspects
-from urdfcal.output.report.residuals import SpotResiduals, Suspect, honest_covariance, residuals_of, spread, suspect_limit, suspects
+from urdfcal.output.report.residuals import Residuals, honest_covariance, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
+from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
 from urdfcal.output.report.verdict import Verdict, count_of, verdict_of
+from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
 from urdfcal.sensors.measurements import Measurements
@@ -36,29 +37,26 @@ class Report:
         subtitle: Which data, which estimator.
         verdict: Whether the calibration may be used.
         sections: Everything else.
-        residuals: Spots of the fitted and the test poses, for pictures.
-        readings: What other instruments read, for pictures.
-        suspects: Spots and readings that do not belong to the rest, for pictures.
+        residuals: Of every reading at the fitted and the test poses, for pictures.
+        suspects: Readings that do not belong to the rest, for pictures.
     """
 
     title: str
     subtitle: str
     verdict: Verdict
     sections: tuple[Section, ...]
-    residuals: tuple[SpotResiduals, ...]
-    readings: tuple[ReadingResiduals, ...]
+    residuals: tuple[Residuals, ...]
     suspects: tuple[Suspect, ...]
 
 
 def report_of(calibration: FitResult, command: Sequence[str], sag: Section | None = None) -> Report:
     """Gather everything that there is to say about a calibration, and of what gravity does to the robot if that was asked."""
-    sets, readings = residuals_of(calibration), reading_residuals(calibration)
-    found = [*suspects(calibration, sets), *reading_suspects(calibration, readings)]
-    found.sort(key=lambda suspect: -suspect.length)
+    sets = residuals_of(calibration)
+    found = suspects(calibration, sets)
     sections = [
-        _spots(calibration),
+        _measured(calibration),
         frames_section(calibration),
-        places_section(calibration, readings),
+        places_section(calibration, sets),
         _convergence(calibration),
         _parameters(calibration),
         _combinations(calibration),
@@ -73,35 +71,32 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
     subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     shown = tuple(each for each in sections if each.blocks)
-    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(readings), tuple(found))
+    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(found))
 
 
-def _spots(calibration: FitResult) -> Section:
-    rows = _spot_rows("fit", calibration.before, calibration.after)
-    rows += _spot_rows("test", *calibration.test) if calibration.test else []
-    rows += _spot_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after) if calibration.folds else []
-    lasers = calibration.data.only_spots
-    names = ("laser", "spots") if lasers else ("what, in mm" if _millimetres(calibration.before) else "what", "number")
-    table = Table(("poses", *names, *_PHASES, *_PHASES), tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
-    what = "Distance from measured to predicted spot, in mm" if lasers else "Distance from measured to predicted"
-    intro = f"{what}: before with the nominal robot, after with the calibrated one."
-    if not lasers:
-        intro += " Before, too, frames and targets stand where they suit that robot best."
-    title = "Spots on the screen" if lasers else "What was measured"
-    galleries = ("spots", "histograms") if lasers else ("spots", "readings", "histograms", "components")
-    return Section("spots", title, (intro, table, *(Gallery(key) for key in galleries)))
+def _measured(calibration: FitResult) -> Section:
+    rows = _distance_rows("fit", calibration.before, calibration.after)
+    rows += _distance_rows("test", *calibration.test) if calibration.test else []
+    if calibration.folds:
+        rows += _distance_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after)
+    words = wording_of(calibration.data)
+    source = f"{words.source}, in mm" if words.units and _millimetres(calibration.before) else words.source
+    columns = ("poses", source, words.count, *_PHASES, *_PHASES)
+    table = Table(columns, tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
+    intro = f"{words.intro}: before with the nominal robot, after with the calibrated one.{words.note}"
+    return Section("spots", words.title, (intro, table, *(Gallery(key) for key in ("maps", "histograms", "components"))))
 
 
-def _spot_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
+def _distance_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
     all_mm = _millimetres(before)
     return [
         (
             label,
-            laser if all_mm else f"{laser}, {row.unit}",
+            name if all_mm else f"{name}, {row.unit}",
             str(row.n),
-            *(fixed(value) for own in (row, after[laser]) for value in (own.mean, own.std, own.max)),
+            *(fixed(value) for own in (row, after[name]) for value in (own.mean, own.std, own.max)),
         )
-        for laser, row in before.items()
+        for name, row in before.items()
     ]
 
 
@@ -143,8 +138,8 @@ def _combinations(calibration: FitResult) -> Section:
     open_ = [each for each in combinations if not each.determined]
     blocks: list[Block] = []
     if sums:
-        what = "measurements" if not calibration.data.only_spots else "spots"
-        blocks += [f"Determined as sums alone. The {what} tell these sums, not their terms:", _combination_table(calibration, sums)]
+        several = wording_of(calibration.data).several
+        blocks += [f"Determined as sums alone. The {several} tell these sums, not their terms:", _combination_table(calibration, sums)]
     if open_:
         blocks += [
             "Not determined. The data say little or nothing about these; the priors hold them:",
@@ -188,31 +183,39 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
     return f"{', '.join(group)} (correlation {block[first, second]:+.3f}{strongest})"
 
 
-def _outliers(calibration: FitResult, sets: Sequence[SpotResiduals], found: Sequence[Suspect]) -> Section:
-    blocks: list[Block] = []
-    laser = "what" if not calibration.data.only_spots else "laser"
-    if calibration.outliers:
-        rows = tuple(_left_out_row(each, calibration.data) for each in calibration.outliers[:_MOST_OUTLIERS])
-        blocks += ["Left out of the fit and of the tables above, or mended:", Table(("pose", laser, "reason"), rows, words=3)]
-        blocks += _more(len(calibration.outliers))
-    if calibration.test_outliers:
-        tested = calibration.test_data or calibration.data
-        rows = tuple(_left_out_row(each, tested) for each in calibration.test_outliers[:_MOST_OUTLIERS])
-        blocks += ["Left out of the table of test poses as gross outliers:", Table(("pose", laser, "reason"), rows, words=3)]
-        blocks += _more(len(calibration.test_outliers))
-    text = (
-        "residual is longer than chance makes one in ten reports, judged by how long the residuals of its kind usually are."
-        if not calibration.data.only_spots
-        else f"residual is more than {suspect_limit(sets):.2g} standard deviations long, where one standard deviation is "
-        f"{spread(calibration, sets[0]):.2f} times what noise{' and uncertain parameters' if len(sets) > 1 else ''} would do."
-    )
+def _outliers(calibration: FitResult, sets: Sequence[Residuals], found: Sequence[Suspect]) -> Section:
+    tested, words = calibration.test_data or calibration.data, wording_of(calibration.data)
+    blocks = [
+        *_left_out("Left out of the fit and of the tables above, or mended:", calibration.outliers, calibration.data, words.source),
+        *_left_out("Left out of the table of test poses as gross outliers:", calibration.test_outliers, tested, words.source),
+    ]
+    limit = _limit_in_words(calibration, sets, words.limit)
     if not found:
-        every = "readings" if not calibration.data.only_spots else "spots"
-        return Section("outliers", "Outliers", (*blocks, f"Among the {every} that were used, none stands out: no {text}"))
-    in_mm = all(each.unit == "mm" for each in found)
-    used = tuple(_used_row(each, "" if in_mm else f" {each.unit}") for each in found[:_MOST_OUTLIERS])
-    table = Table(("poses", "pose", laser, "distance in mm" if in_mm else "distance", "sigmas"), used, words=3)
-    return Section("outliers", "Outliers", (*blocks, f"Used, but far from the rest; their {text}", table, *_more(len(found))))
+        blocks += [f"Among the {words.used} that were used, none stands out: no {limit}"]
+    else:
+        blocks += [f"Used, but far from the rest; their {limit}", _suspect_table(found, words.source), *_more(len(found))]
+    return Section("outliers", "Outliers", tuple(blocks))
+
+
+def _left_out(text: str, outliers: Sequence[Outlier], data: Measurements, source: str) -> list[Block]:
+    if not outliers:
+        return []
+    rows = tuple(_left_out_row(outlier, data) for outlier in outliers[:_MOST_OUTLIERS])
+    return [text, Table(("pose", source, "reason"), rows, words=3), *_more(len(outliers))]
+
+
+def _limit_in_words(calibration: FitResult, sets: Sequence[Residuals], text: str) -> str:
+    """The words of a limit with its figures: those of the first kind of reading, where the words have room for them."""
+    numbers = sets[0].sensor.numbers if sets else 0
+    usual = next(iter(spreads(calibration, sets).values()), 1.0)
+    uncertain = " and uncertain parameters" if calibration.test_data is not None else ""
+    return text.format(limit=suspect_limit(sets, numbers), spread=usual, uncertain=uncertain)
+
+
+def _suspect_table(found: Sequence[Suspect], source: str) -> Table:
+    in_mm = all(suspect.unit == "mm" for suspect in found)
+    rows = tuple(_suspect_row(suspect, "" if in_mm else f" {suspect.unit}") for suspect in found[:_MOST_OUTLIERS])
+    return Table(("poses", "pose", source, "distance in mm" if in_mm else "distance", "sigmas"), rows, words=3)
 
 
 def _left_out_row(outlier: Outlier, data: Measurements) -> tuple[Cell, ...]:
@@ -221,8 +224,8 @@ def _left_out_row(outlier: Outlier, data: Measurements) -> tuple[Cell, ...]:
     return (outlier.pose if pose == outlier.pose else f"{Path(data.source).name}:{pose}", outlier.laser, outlier.reason)
 
 
-def _used_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:
-    return (suspect.set, suspect.pose, suspect.laser, f"{fixed(suspect.distance)}{unit}", f"{suspect.length:.1f}")
+def _suspect_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:
+    return (suspect.set, suspect.pose, suspect.name, f"{fixed(suspect.distance)}{unit}", f"{suspect.length:.1f}")
 
 
 def _millimetres(table: SpotTable) -> bool:

@@ -9,9 +9,10 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.content import Report
 from urdfcal.output.report.document import Block
 from urdfcal.output.report.parameter_plots import convergence_pictures, value_pictures
-from urdfcal.output.report.reading_plots import component_pictures, consistency_pictures, place_pictures, size_pictures
-from urdfcal.output.report.residual_plots import histogram_pictures, screen_pictures
+from urdfcal.output.report.residual_maps import map_pictures
+from urdfcal.output.report.residual_plots import component_pictures, size_pictures
 from urdfcal.output.report.svg import Picture, house_style
+from urdfcal.output.report.touches import consistency_pictures
 from urdfcal.output.report.verdict import Level
 from urdfcal.output.templates import filled_template
 from urdfcal.output.text.instruments import measuring_frame
@@ -44,12 +45,10 @@ def pictures(report: Report, calibration: FitResult) -> list[Picture]:
     """All pictures of a report."""
     with house_style():
         return [
-            *screen_pictures(report.residuals, report.suspects),
-            *histogram_pictures(report.residuals),
-            *place_pictures(report.readings, report.suspects, measuring_frame(calibration)),
-            *size_pictures(report.readings),
-            *component_pictures(report.readings),
-            *consistency_pictures(report.readings),
+            *map_pictures(report.residuals, report.suspects, measuring_frame(calibration)),
+            *size_pictures(report.residuals),
+            *component_pictures(report.residuals),
+            *consistency_pictures(report.residuals),
             *convergence_pictures(calibration),
             *value_pictures(calibration),
         ]

@@ -12,7 +12,7 @@ from urdfcal.base.geometry import Matrix
 from urdfcal.base.terminal import displayed
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
-from urdfcal.output.report.svg import BAND, DASHES, INK, MARKERS, SERIES, Picture, draw_picture, sane
+from urdfcal.output.report.svg import BAND, DASHES, INK, MARKERS, SERIES, WIDE, Picture, draw_picture, sane
 from urdfcal.output.text.instruments import first_kind
 
 if TYPE_CHECKING:
@@ -68,9 +68,8 @@ def value_pictures(calibration: FitResult) -> list[Picture]:
         if rows:
             unit, _ = displayed(unit_si)
             caption = f"Estimates with 95 % intervals, in {unit}; the band is the prior's. Hollow: not determined by the data."
-            found.append(
-                draw_picture("parameters", f"{noun} and their sigmas", caption, 0.8 + 0.2 * len(rows), _Values(calibration, rows).draw)
-            )
+            title, height = f"{noun} and their sigmas", 0.8 + 0.2 * len(rows)
+            found.append(draw_picture("parameters", title, caption, height, _Values(calibration, rows).draw, WIDE))
     return found
 
 
@@ -119,8 +118,7 @@ def _history(
         _count_sweeps(axes, len(sweeps))
 
     names = names if len(names) <= _MOST_NAMED else ["_none"] * len(names)
-    columns = 4 if max(map(len, names)) < 9 else 3 if max(map(len, names)) < 15 else 2
-    return draw_picture("convergence", title, caption, 2.9, draw, columns)
+    return draw_picture("convergence", title, caption, 2.9, draw)
 
 
 def _logarithmic(axes: Axes) -> None:

@@ -1,95 +1,87 @@
-"""How far each spot of a calibration lies from where it was measured, and which spots do not belong to the rest.
+"""How far each reading of a calibration lies from what the robot predicts, for every sensor alike.
 
 The length of a residual is taken in its own standard deviations, d^2 = r' S^-1 r, where S = R for a pose that was fitted and
-R + J P J' for one that was not. R is what the noise puts on a spot, joint noise included. For Gaussian noise P(d > t) is
-exp(-t^2 / 2), whatever the spot.
+R + J P J' for one that was not. R is what the noise puts on a reading, joint noise included. For Gaussian noise d^2 is chi-squared with
+as many degrees of freedom as numbers were read.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from urdfcal.base.geometry import MM, Array3, Array4, Matrix
-from urdfcal.calibration.problem import Problem, problem_of
+from urdfcal.base.geometry import Array3, Labels, Matrix, Vector
+from urdfcal.calibration.problem import Channel, Problem, problem_of
 from urdfcal.calibration.result import FitResult
+from urdfcal.calibration.start.nominal import with_new_places
+from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.model.error_model import ErrorModel
-from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.measurements import Measurements, start_sigma
+from urdfcal.sensors.sensor import Sensor, View
 
-_LEAST_SPREAD = 1e-6  # [m]: residuals below it are rounding
-_MEDIAN = math.sqrt(2 * math.log(2))  # of the length of a standard normal pair
-_ENOUGH = 20  # spots from which a median says something
-_LEAST_LENGTH = 4.0
+Rows = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
-class SpotResiduals:
-    """Measured and predicted spots of some poses.
+class Residuals:
+    """What one sensor read of one target, put to the nominal and to the calibrated robot; only poses at which it read.
 
     Attributes:
         label: What the poses are for: `fit` or `test`.
-        data: The poses.
-        before: Spots that the nominal robot predicts, (n, lasers, 2), [m].
-        after: Spots that the calibrated robot predicts, (n, lasers, 2), [m].
-        sigma: Standard deviation that the noise puts on a spot coordinate, (n, lasers), [m].
-        lengths: Length of each residual in its own standard deviations, (n, lasers); nan where nothing was seen.
+        name: What tables call it.
+        sensor: How it was read.
+        rows: Which of the set's poses these are, (n,).
+        poses: Their labels, (n,).
+        touched: Which plane or socket was touched, (n,); the empty string for other sensors.
+        before: Measured less predicted by the nominal robot, (n, k), in `unit`; nan for a number that was not read.
+        after: The same with the calibrated robot.
+        sigma: Standard deviation that the noise puts on each number, (n, k), in `unit`.
+        lengths: Length of each residual in its own standard deviations, (n,).
+        places: Where a map has each reading before and after calibration, (2, n, k), in `unit`; None for sensors that have no map.
     """
 
     label: str
-    data: Measurements
-    before: Array3
-    after: Array3
+    name: str
+    sensor: Sensor
+    rows: Rows
+    poses: Labels
+    touched: Labels
+    before: Matrix
+    after: Matrix
     sigma: Matrix
-    lengths: Matrix
+    lengths: Vector
+    places: Array3 | None
+
+    @property
+    def unit(self) -> str:
+        """`mm`, `deg` or `px`."""
+        return self.sensor.words.unit
 
     @cached_property
-    def before_mm(self) -> Matrix:
-        """Distances with the nominal robot, (n, lasers), [mm]; nan where nothing was seen."""
-        return np.asarray(np.linalg.norm(self.before - self.data.spots, axis=-1)) / MM
+    def numbers(self) -> Rows:
+        """How many numbers each reading has, (n,)."""
+        return np.asarray(np.isfinite(self.sigma).sum(axis=1))
 
     @cached_property
-    def after_mm(self) -> Matrix:
-        """Distances with the calibrated robot, (n, lasers), [mm]; nan where nothing was seen."""
-        return np.asarray(np.linalg.norm(self.after - self.data.spots, axis=-1)) / MM
+    def before_size(self) -> Vector:
+        """Length of each residual with the nominal robot, (n,), in `unit`."""
+        return _size(self.before)
+
+    @cached_property
+    def after_size(self) -> Vector:
+        """Length of each residual with the calibrated robot, (n,), in `unit`."""
+        return _size(self.after)
 
 
-@dataclass(frozen=True)
-class Suspect:
-    """A spot, or a reading, that does not belong to the rest, though the fit or the test used it.
-
-    Attributes:
-        set: `fit` or `test`.
-        pose: Label of its pose.
-        laser: Name of its laser, or of what was read.
-        distance: From measured to predicted, in `unit`.
-        length: The same in standard deviations of the usual residual.
-        row, column: Its place in the set's arrays.
-        unit: `mm`, `deg` or `px`.
-    """
-
-    set: str
-    pose: str
-    laser: str
-    distance: float
-    length: float
-    row: int
-    column: int
-    unit: str = "mm"
-
-
-def residuals_of(calibration: FitResult) -> list[SpotResiduals]:
-    """Spots of the fitted poses and, if there are any, of the test poses; nothing where none was seen."""
-    if not calibration.data.seen.any():
-        return []
-    found = [_residuals(calibration, "fit", calibration.data, 0.0)]
-    if calibration.test_data is not None:
-        found.append(_residuals(calibration, "test", calibration.test_data, 1.0))
-    return found
+def residuals_of(calibration: FitResult) -> list[Residuals]:
+    """Every sensor's readings of every target at the fitted poses and, if there are any, at the test poses."""
+    found = _of_set(calibration, "fit", calibration.data)
+    return found + (_of_set(calibration, "test", calibration.test_data) if calibration.test_data is not None else [])
 
 
 def honest_covariance(calibration: FitResult) -> bool:
@@ -97,85 +89,102 @@ def honest_covariance(calibration: FitResult) -> bool:
     return "paper" not in calibration.estimator
 
 
-def measured_numbers(calibration: FitResult) -> int:
-    """How many numbers were fitted."""
-    return calibration.data.numbers
+def used_share(calibration: FitResult) -> float:
+    """Which part of the numbers that were fitted the parameters used up: p - tr(P P0^-1) of them."""
+    measured = calibration.data.numbers
+    used = max(measured - calibration.freedom, 0.0) if honest_covariance(calibration) else float(calibration.identifiability.rank)
+    return used / max(measured, 1)
 
 
-def used_numbers(calibration: FitResult) -> float:
-    """How many of them the parameters used up: p - tr(P P0^-1)."""
-    if not honest_covariance(calibration):
-        return float(calibration.identifiability.rank)
-    return max(calibration.data.numbers - calibration.freedom, 0.0)
+@dataclass(frozen=True)
+class _State:
+    """A robot put to some poses, at one state.
 
-
-def spread(calibration: FitResult, fitted: SpotResiduals) -> float:
-    """How many of its own standard deviations the usual residual is long, by the median: 1 where the noise is stated rightly.
-
-    Stated noise is never made smaller by it.
+    Attributes:
+        here: What is left of their readings.
+        views: What every channel looks at.
     """
-    seen = fitted.lengths[np.isfinite(fitted.lengths)]
-    least = 1.0 if calibration.estimate.noise.all_stated else _LEAST_SPREAD / calibration.estimate.noise.spot_sigma
-    if len(seen) < _ENOUGH:
-        return max(least, 1.0)
-    free = max(2 * len(seen) - used_numbers(calibration), 1.0)
-    return max(least, float(np.median(seen)) / _MEDIAN * math.sqrt(2 * len(seen) / free))
+
+    here: Linearisation
+    views: tuple[View, ...]
+
+    @staticmethod
+    def of(problem: Problem, x: Vector) -> _State:
+        with np.errstate(invalid="ignore"):
+            return _State(problem.linearise(x), problem.views(x))
 
 
-def suspect_limit(sets: Iterable[SpotResiduals]) -> float:
-    """The length above which a residual is listed: healthy data show one in fewer than one of ten reports."""
-    spots = sum(int(np.isfinite(each.lengths).sum()) for each in sets)
-    return max(_LEAST_LENGTH, math.sqrt(2 * math.log(10 * max(spots, 1))))
+def _of_set(calibration: FitResult, label: str, data: Measurements) -> list[Residuals]:
+    noise, nominal = _noise_for(calibration, data), calibration.nominal
+    start, instruments = with_new_places(nominal.alone, nominal.instruments, data, nominal.noise)
+    errors, x = (calibration.errors, calibration.x) if label == "fit" else with_new_places(calibration.errors, calibration.x, data, noise)
+    model = problem_of(errors, data, noise)
+    before, after = _State.of(Problem(start, data), instruments), _State.of(model, x)
+    R = noise.pose_covariance(after.here)
+    uncertain = label == "test" and honest_covariance(calibration) and errors is calibration.errors
+    S = R + after.here.jacobian @ calibration.covariance @ after.here.jacobian.transpose(0, 2, 1) if uncertain else R
+    return _by_name([_of_channel(label, index, model, (before, after), R, S) for index in range(len(model.channels))])
 
 
-def suspects(calibration: FitResult, sets: list[SpotResiduals]) -> list[Suspect]:
-    """Spots whose residual is far longer than usual, the farthest first."""
-    if not sets:
-        return []
-    usual, limit = spread(calibration, sets[0]), suspect_limit(sets)
-    found = [_suspect(each, row, column, usual) for each in sets for row, column in np.argwhere(each.lengths / usual > limit).tolist()]
-    return sorted(found, key=lambda suspect: -suspect.length)
+def _of_channel(label: str, index: int, model: Problem, states: tuple[_State, _State], R: Array3, S: Array3) -> Residuals:
+    channel = model.channels[index]
+    rows, own, size = np.flatnonzero(channel.readings.seen), channel.block.columns, channel.sensor.words.size
+    read = channel.readings.measured[rows]
+    before, after = (np.where(read, state.here.residual[rows, own], np.nan) / size for state in states)
+    return Residuals(
+        label=label,
+        name=channel.block.name,
+        sensor=channel.sensor,
+        rows=rows,
+        poses=model.data.poses[rows],
+        touched=channel.readings.labels[rows],
+        before=before,
+        after=after,
+        sigma=np.where(read, np.sqrt(np.diagonal(R, axis1=1, axis2=2))[rows, own], np.nan) / size,
+        lengths=_lengths(states[1].here.residual[rows, own], S[rows, own, own]),
+        places=_places(channel, rows, [state.views[index] for state in states]),
+    )
 
 
-def _suspect(spots: SpotResiduals, row: int, column: int, usual: float) -> Suspect:
-    distance, length = float(spots.after_mm[row, column]), float(spots.lengths[row, column]) / usual
-    return Suspect(spots.label, str(spots.data.poses[row]), spots.data.lasers[column], distance, length, row, column)
+def _places(channel: Channel, rows: Rows, views: Sequence[View]) -> Array3 | None:
+    drawn = [channel.sensor.drawn_at(view, channel.readings.values) for view in views]
+    found = [each[rows] / channel.sensor.words.size for each in drawn if each is not None]
+    return np.array(found) if found else None
 
 
-def _residuals(calibration: FitResult, label: str, data: Measurements, uncertain: float) -> SpotResiduals:
-    nominal = ErrorModel(calibration.robot.chain, (), (), sessions=data.session_names or ("",))
-    spots = tuple(each for each in data.readings if each.sensor == "spot")  # what other instruments read has residuals of its own
-    data = replace(data, readings=spots, lengths=())
-    before = np.stack(Problem(nominal, data).read(np.empty(0)), axis=1)
-    model = problem_of(calibration.errors, data, calibration.estimate.noise)
-    after = np.stack(model.read(calibration.x), axis=1)
-    here = model.linearise(calibration.x)
-    R = _spot_covariance(calibration, here)
-    S = R + uncertain * _prediction_covariance(calibration, here) if honest_covariance(calibration) else R
-    sigma = np.sqrt(np.trace(R, axis1=-2, axis2=-1) / 2)
-    return SpotResiduals(label, data, before, after, sigma, _lengths(here.residual.reshape(after.shape), S, data))
+def _by_name(parts: Sequence[Residuals]) -> list[Residuals]:
+    """One for every name, as the corners of a board share theirs; what was never read is left out."""
+    named: dict[tuple[str, str], list[Residuals]] = {}
+    for part in parts:
+        if len(part.rows):
+            named.setdefault((part.name, part.sensor.name), []).append(part)
+    return [_joined(own) for own in named.values()]
 
 
-def _spot_covariance(calibration: FitResult, here: Linearisation) -> Array4:
-    """R of each spot alone, (n, lasers, 2, 2)."""
-    noise = calibration.estimate.noise
-    sigma = np.where(np.isnan(here.stated_sigma), noise.spot_sigma, here.stated_sigma)
-    pairs = sigma.reshape(len(sigma), sigma.shape[1] // 2, 2)
-    R = np.asarray(pairs[..., None] ** 2 * np.eye(2))
-    if here.joint_jacobian.shape[-1]:
-        reach = (here.joint_jacobian * noise.joint_sigma).reshape(*pairs.shape, -1)
-        R = R + reach @ np.swapaxes(reach, -1, -2)
-    return R
+def _joined(parts: Sequence[Residuals]) -> Residuals:
+    if len(parts) == 1:
+        return parts[0]
+    names = ("rows", "poses", "touched", "before", "after", "sigma", "lengths")
+    together: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    drawn = [part.places for part in parts if part.places is not None]
+    return replace(parts[0], **together, places=np.concatenate(drawn, axis=1) if drawn else None)
 
 
-def _prediction_covariance(calibration: FitResult, here: Linearisation) -> Array4:
-    """J P J' of each spot alone, (n, lasers, 2, 2)."""
-    J = here.jacobian.reshape(len(here.jacobian), here.jacobian.shape[1] // 2, 2, here.jacobian.shape[-1])
-    return np.asarray(J @ calibration.covariance @ np.swapaxes(J, -1, -2))
-
-
-def _lengths(residual: Array3, S: Array4, data: Measurements) -> Matrix:
-    good = data.seen & np.isfinite(residual).all(axis=-1) & np.isfinite(S).all(axis=(-1, -2))
-    lengths = np.full(good.shape, np.nan)
+def _lengths(residual: Matrix, S: Array3) -> Vector:
+    """Lengths (n,) of residuals (n, k) under their covariances (n, k, k); nan where there is none."""
+    good = np.isfinite(residual).all(axis=1) & np.isfinite(S).all(axis=(1, 2))
+    lengths = np.full(len(residual), np.nan)
     lengths[good] = np.sqrt(np.sum(residual[good] * np.linalg.solve(S[good], residual[good][..., None])[..., 0], axis=-1))
     return lengths
+
+
+def _noise_for(calibration: FitResult, data: Measurements) -> Noise:
+    """The fit's noise for the kinds that a set has."""
+    noise = calibration.estimate.noise
+    known = dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True))
+    start = zip(data.kinds, start_sigma(data).tolist(), strict=True)
+    return replace(noise, sigma=np.array([known.get(kind, sigma) for kind, sigma in start]), stated=True)
+
+
+def _size(residual: Matrix) -> Vector:
+    return np.asarray(np.sqrt(np.nansum(residual**2, axis=1)))

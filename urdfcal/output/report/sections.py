@@ -24,8 +24,8 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import FLAT
 from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.report.document import Block, Cell, Gallery, Section, Table
-from urdfcal.output.report.reading_plots import MOST_PLACES, PlaceScatter, scatter_of_places
-from urdfcal.output.report.reading_residuals import ReadingResiduals
+from urdfcal.output.report.residuals import Residuals
+from urdfcal.output.report.touches import MOST_PLACES, PlaceScatter, scatter_of_places
 from urdfcal.output.report.verdict import count_of
 from urdfcal.output.text.instruments import frame_entries, length_entries, measuring_frame, noise_in_words, place_entries, rig_in_words
 from urdfcal.output.text.sag import deflections, sag_words
@@ -63,10 +63,10 @@ def _frame_row(entry: dict[str, Any]) -> tuple[Cell, ...]:
     return (entry["name"], entry["link"], *lengths, *(f"{angle / DEG:.4f}" for angle in (*entry["rpy"], entry["rotation_sigma"])))
 
 
-def places_section(calibration: FitResult, readings: Sequence[ReadingResiduals]) -> Section:
+def places_section(calibration: FitResult, sets: Sequence[Residuals]) -> Section:
     """How well the touches of each socket and plane agree, and the distances that were known."""
     blocks: list[Block] = []
-    scatters, positions = scatter_of_places(readings), _positions(calibration)
+    scatters, positions = scatter_of_places(sets), _positions(calibration)
     if scatters:
         kinds = " and ".join(dict.fromkeys(f"{scatter.kind}s" for scatter in scatters))
         blocks += [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,8 @@ MARKERS = "os^Dv*PX"
 DASHES = ("-", "--", ":", "-.")
 SANE = 1e6  # [mm] and [deg]: beyond is not drawn
 _VARIABLES = {INK: "ink", LINE: "line", BAND: "band", **{stand_in: f"c{index}" for index, stand_in in enumerate(SERIES)}}
-_WIDTH = 4.6  # [inches] of a picture; 72 units an inch
+NARROW, WIDE = 4.6, 6.4  # [inches] of a picture in a gallery of three columns and of two; 72 units an inch
+_LETTER, _HANDLE = 0.07, 0.48  # [inches] in a legend, about
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "urdfcal",
@@ -83,17 +84,22 @@ def house_style() -> Iterator[None]:
         yield
 
 
-def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Callable[[Axes], None], legend: int = 4) -> Picture:
-    """One picture with one pair of axes; what has a label gets a legend of so many columns below."""
+def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Callable[[Axes], None], width: float = NARROW) -> Picture:
+    """One picture with one pair of axes; what has a label gets a legend below."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(_WIDTH, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     draw(axes)
     handles, labels = axes.get_legend_handles_labels()
     if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=legend, handlelength=1.6, columnspacing=1.2)
+        figure.legend(handles, labels, loc="outside lower center", ncols=_columns(labels, width), handlelength=1.6, columnspacing=1.2)
     return Picture(gallery, title, caption, _svg(figure, title, caption))
+
+
+def _columns(labels: Sequence[str], width: float) -> int:
+    """How many labels stand beside each other in a legend."""
+    return max(1, min(4, int(width / (_HANDLE + _LETTER * max(len(label) for label in labels)))))
 
 
 def _svg(figure: Figure, title: str, caption: str) -> str:

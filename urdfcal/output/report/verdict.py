@@ -11,7 +11,9 @@ from urdfcal.calibration.error_table import SpotTable, main_unit, rms_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import LEAST_FREEDOM
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.output.report.residuals import Suspect, honest_covariance, measured_numbers, used_numbers
+from urdfcal.output.report.residuals import honest_covariance, used_share
+from urdfcal.output.report.suspects import Suspect
+from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import noise_in_words
 
 Level = Literal["good", "warn", "bad"]
@@ -61,7 +63,7 @@ def verdict_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Verdict:
         *_tested(calibration),
         *_noise(calibration),
         *_left_out(calibration),
-        _outlying(suspects, _noun(calibration)),
+        _outlying(suspects, wording_of(calibration.data).one),
     ]
     findings += _warned(calibration.warnings)
     level = max((finding.level for finding in findings), key=["good", "warn", "bad"].index)
@@ -91,11 +93,7 @@ def _headline(calibration: FitResult) -> str:
     before, after = means(calibration.before), means(calibration.after)
     tested = calibration.test[1] if calibration.test else {}
     test = f" ({means(tested)} on test poses, which were not fitted)" if tested else ""
-    return f"The {_noun(calibration)}s lay {before} off on average; after calibration {after}{test}."
-
-
-def _noun(calibration: FitResult) -> str:
-    return "measurement" if not calibration.data.only_spots else "spot"
+    return f"The {wording_of(calibration.data).one}s lay {before} off on average; after calibration {after}{test}."
 
 
 def _trust(calibration: FitResult) -> Finding:
@@ -143,7 +141,7 @@ def _tested(calibration: FitResult) -> list[Finding]:
 
 def _expected_ratio(calibration: FitResult) -> float:
     """Of test to fitted RMS when p of n numbers went into the parameters: sqrt((1 + p/n) / (1 - p/n))."""
-    share = min(used_numbers(calibration) / max(measured_numbers(calibration), 1), 0.99)
+    share = min(used_share(calibration), 0.99)
     return math.sqrt((1 + share) / (1 - share))
 
 
@@ -171,7 +169,7 @@ def _left_out(calibration: FitResult) -> list[Finding]:
     number, spots = len(calibration.outliers), sum(row.n for row in calibration.after.values())
     if not number:
         return []
-    text = f"{count_of(number, _noun(calibration))} left out or mended as outliers; the fit rests on {spots}."
+    text = f"{count_of(number, wording_of(calibration.data).one)} left out or mended as outliers; the fit rests on {spots}."
     return [Finding("warn" if number > _MANY * (number + spots) else "good", text)]
 
 
@@ -179,7 +177,7 @@ def _outlying(suspects: Sequence[Suspect], noun: str) -> Finding:
     if not suspects:
         return Finding("good", f"No {noun} that was used stands out from the rest.")
     worst = suspects[0]
-    farthest = f"{worst.set} pose {worst.pose}, {worst.laser}, {rough(worst.distance)} {worst.unit}"
+    farthest = f"{worst.set} pose {worst.pose}, {worst.name}, {rough(worst.distance)} {worst.unit}"
     return Finding("warn", f"{count_of(len(suspects), noun)} far from the rest; the farthest: {farthest}.")
 
 
