@@ -175,8 +175,9 @@ def test_columns_are_no_matter_of_the_gate(robots: dict[str, Robot], rng: np.ran
     """Noise beyond columns is found without the gate, too; and the robust estimator needs none to tell outliers from noise."""
     robot, data = of_lasers(robots, rng)
     assert fit(robot, stating(data, NOISE.spot / 10), gated=False).extra_noise["spot"] == pytest.approx(NOISE.spot, rel=0.2)
-    wild = stating(data, NOISE.spot)
-    wild.spots[::10, 0] += 0.05
+    spots = data.spots.copy()
+    spots[::10, 0] += 0.05
+    wild = stating(data.with_spots(spots), NOISE.spot)
     assert not fit(robot, wild, estimator="robust", gated=False).extra_noise
 
 

@@ -12,7 +12,7 @@ from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation
-from urdfcal.estimation.robust import _limits, degrees, robust_scale, squared_distances
+from urdfcal.estimation.robust import _limits, degrees, mahalanobis_squared, robust_scale
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
@@ -38,7 +38,7 @@ def test_chance_and_scale_are_right_for_any_number_of_numbers(numbers: int, rng:
     blocks = (Block("target", slice(0, numbers)),)
     residual, blank = rng.normal(size=(n, numbers)), np.full((n, numbers), np.nan)
     here = Linearisation(residual, np.zeros((n, numbers, 1)), np.empty((n, numbers, 0)), blank != 0, blank, blocks=blocks)
-    d2 = squared_distances(here, Noise(1.0, np.zeros(0)))
+    d2 = mahalanobis_squared(here, Noise(1.0, np.zeros(0)))
     assert robust_scale(d2, degrees(here)) == pytest.approx(1.0, rel=0.01)
     few = replace(here, residual=residual[:100], measured=here.measured[:100], stated_sigma=blank[:100])
     share = float(np.mean(d2 > _limits(few)[0, 0]))  # a hundredth of the sets of a hundred lose one
@@ -52,7 +52,7 @@ def test_squared_distances_are_chi_squared_of_two(rng: np.random.Generator) -> N
     noise = Noise(0.5, np.array([0.3, 0.2]))
     residual = 0.5 * rng.normal(size=(n, 4)) + (J_q @ (rng.normal(size=(n, 2)) * noise.joint_sigma)[..., None])[..., 0]
     here = Linearisation(residual, np.zeros((n, 4, 1)), J_q, np.ones((n, 4), dtype=bool), np.full((n, 4), np.nan), blocks=PAIRS)
-    d2 = squared_distances(here, noise)
+    d2 = mahalanobis_squared(here, noise)
     assert d2.mean() == pytest.approx(2.0, rel=0.05)
     assert robust_scale(d2) == pytest.approx(1.0, rel=0.03)
 

@@ -35,17 +35,17 @@ class SpotErrors:
 SpotTable = dict[str, SpotErrors]
 
 
-def error_table(here: Linearisation, poses: int) -> SpotTable:
+def error_table(linearisation: Linearisation, poses: int) -> SpotTable:
     """Distances between measured and predicted spots, points and orientations; what was never measured is left out.
 
     Args:
-        here: Residual of the poses at some state.
+        linearisation: Residual of the poses at some state.
         poses: How many there are; rows behind them (known lengths) are no measurements.
     """
     distances: dict[tuple[str, str], list[Vector]] = {}
-    for block in here.blocks:
-        measured = here.measured[:poses, block.columns]
-        distance = np.linalg.norm(here.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / UNITS[block.unit]
+    for block in linearisation.blocks:
+        measured = linearisation.measured[:poses, block.columns]
+        distance = np.linalg.norm(linearisation.residual[:poses, block.columns], axis=1)[measured.any(axis=1)] / UNITS[block.unit]
         distances.setdefault((block.name, block.unit), []).append(distance)
     whole = {key: np.concatenate(each) for key, each in distances.items()}
     return {

@@ -29,7 +29,7 @@ _SAME = 0.01  # share of s by which it may be off
 
 def without_stated_noise(data: Measurements) -> Measurements:
     """The same measurements as if none stated its noise."""
-    readings = tuple(replace(each, sigma=np.full_like(each.sigma, np.nan)) for each in data.readings)
+    readings = tuple(replace(reading, sigma=np.full_like(reading.sigma, np.nan)) for reading in data.readings)
     return replace(data, readings=readings)
 
 
@@ -46,14 +46,14 @@ def extra_noise(fitted: Problem, x: Vector, noise: Noise, data: Measurements, ki
         data: The measurements with what they state.
         kinds: Kinds that scatter more than they state.
     """
-    here, errors = fitted.linearise(x), fitted.errors
+    linearisation, errors = fitted.linearise(x), fitted.errors
     sigma, prior = Problem(errors, data).stated_sigma, Belief.independent(errors.mean, errors.sigma)
     index = {kind: data.kinds.index(kind) for kind in kinds}
     extra = dict.fromkeys(kinds, 0.0)
-    variance = _variance(here, sigma, noise)
-    own = {kind: here.measured[: len(data)] & np.isfinite(variance) & (here.kinds == index[kind]) for kind in kinds}
+    variance = _variance(linearisation, sigma, noise)
+    own = {kind: linearisation.measured[: len(data)] & np.isfinite(variance) & (linearisation.kinds == index[kind]) for kind in kinds}
     for _ in range(_ROUNDS):
-        last, now = extra, _with_sigma(here, sigma, {index[kind]: s for kind, s in extra.items()})
+        last, now = extra, _with_sigma(linearisation, sigma, {index[kind]: s for kind, s in extra.items()})
         squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, x))
         extra = {kind: _beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
         if all(abs(extra[kind] - last[kind]) <= _SAME * extra[kind] for kind in kinds):
@@ -61,25 +61,25 @@ def extra_noise(fitted: Problem, x: Vector, noise: Noise, data: Measurements, ki
     return {kind: s for kind, s in extra.items() if s > 0}
 
 
-def _with_sigma(here: Linearisation, sigma: Matrix, extra: Mapping[int, float]) -> Linearisation:
+def _with_sigma(linearisation: Linearisation, sigma: Matrix, extra: Mapping[int, float]) -> Linearisation:
     """The set with every number's stated noise (n, m) widened by that of its kind."""
-    wider = np.array([extra.get(kind, 0.0) for kind in here.kinds.tolist()])
-    stated = here.stated_sigma.copy()
+    wider = np.array([extra.get(kind, 0.0) for kind in linearisation.kinds.tolist()])
+    stated = linearisation.stated_sigma.copy()
     stated[: len(sigma)] = np.hypot(sigma, wider)
-    return replace(here, stated_sigma=stated)
+    return replace(linearisation, stated_sigma=stated)
 
 
-def _refitted(here: Linearisation, noise: Noise, prior: Belief, x: Vector) -> tuple[Matrix, Matrix]:
+def _refitted(linearisation: Linearisation, noise: Noise, prior: Belief, x: Vector) -> tuple[Matrix, Matrix]:
     """Squared residuals once the linearised set was fitted from x with this noise, and their degrees of freedom 1 - h, both (n, m)."""
-    weights, P = noise.weights(here), posterior(here, prior, noise)
-    H = weights.jacobian(here)
-    gradient = H.T @ weights.residual(here) + (prior.x - x) / np.diag(prior.P)
-    return (here.residual - here.jacobian @ (P @ gradient)) ** 2, 1 - here.leverages(H, P)
+    weights, P = noise.weights(linearisation), posterior(linearisation, prior, noise)
+    H = weights.jacobian(linearisation)
+    gradient = H.T @ weights.residual(linearisation) + (prior.x - x) / np.diag(prior.P)
+    return (linearisation.residual - linearisation.jacobian @ (P @ gradient)) ** 2, 1 - linearisation.leverages(H, P)
 
 
-def _variance(here: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
+def _variance(linearisation: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
     """Variance of every number as it is stated with it and as the readings of the joints explain it, (n, m); nan where none is stated."""
-    of_joints = np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
+    of_joints = np.sum((linearisation.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
     return np.asarray(sigma**2 + of_joints)
 
 
@@ -102,7 +102,7 @@ def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:
     """The measurements with more noise than they state."""
     if not extra:
         return data
-    readings = tuple(replace(each, sigma=np.hypot(each.sigma, extra.get(each.noise, 0.0))) for each in data.readings)
+    readings = tuple(replace(reading, sigma=np.hypot(reading.sigma, extra.get(reading.noise, 0.0))) for reading in data.readings)
     return replace(data, readings=readings)
 
 

@@ -14,24 +14,24 @@ from urdfcal.calibration.error_table import error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
 from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.result import FitResult, disagreement, few_spots, large_noise, large_scales
+from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
-    aimed,
-    begin,
-    explains,
+    has_spots_in_metres,
+    is_credible,
     require_beams_on_screen,
     require_sane_readings,
+    searched_start,
     start_of_pixels,
     with_scale,
 )
 from urdfcal.calibration.start.nominal import NominalFit, nominal_fit, with_new_places
 from urdfcal.estimation.ekf import Belief, Estimate, posterior
 from urdfcal.estimation.estimators import USUAL_Q, USUAL_R, Method
-from urdfcal.estimation.evidence import LEAST_POSES, Evidence, by_evidence, with_unsure_scales
+from urdfcal.estimation.evidence import LEAST_POSES, Evidence, by_evidence, covariance_of_uncertain_scales
 from urdfcal.estimation.identifiability import Identifiability, identify, with_sigmas
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.estimation.robust import degrees, kind_scales, robust_scale, squared_distances
+from urdfcal.estimation.robust import degrees, kind_scales, mahalanobis_squared, robust_scale
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions, laid_over
@@ -114,7 +114,7 @@ def fit(
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
-    found = task.fitted(fit_set) if method.as_published else fitted_beyond_columns(task, fit_set)
+    found = task.fitted(fit_set) if method.as_published else fitted_with_extra_noise(task, fit_set)
     found = replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise)))
     return found if test_set is None else with_test(found, test_set)
 
@@ -226,9 +226,9 @@ class FitTask:
         errors = nominal.errors
         start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
         first = _first_fit(replace(self.method, start=start), problem_of(errors, data, noise), nominal.x, noise)
-        if not aimed(data) or self.method.as_published or explains(first.model, first.found, noise):
+        if not has_spots_in_metres(data) or self.method.as_published or is_credible(first.model, first.found, noise):
             return first
-        begun = begin(first.model, noise, self.sane)
+        begun = searched_start(first.model, noise, self.sane)
         return _first_fit(replace(self.method, start=begun.x), problem_of(begun.errors, data, noise), begun.x, noise, begun.message)
 
     def _scaled(self, first: _First, clean: CleanFit, noise: Noise) -> _Scaled:
@@ -244,28 +244,28 @@ class FitTask:
         if method.estimator != "ekf":
             again = replace(method, start=refitted.belief.x)
             refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
-            belief = Belief(refitted.belief.x, with_unsure_scales(prior, refitted.belief))
+            belief = Belief(refitted.belief.x, covariance_of_uncertain_scales(prior, refitted.belief))
             refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
         return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
 
     def _result(self, nominal: NominalFit, first: _First, clean: CleanFit, scaled: _Scaled, said: tuple[str, ...]) -> FitResult:
         errors, found, data = scaled.errors, scaled.found, clean.model.data
-        here = clean.model.linearise(found.belief.x)
-        plain = posterior(here, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
-        freedom = here.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
+        linearisation = clean.model.linearise(found.belief.x)
+        plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
+        freedom = linearisation.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
         result = FitResult(
             robot=self.robot,
             errors=errors,
             estimate=found,
-            identifiability=_decided(here, found, first.model.errors, scaled.evidence),
+            identifiability=_decided(linearisation, found, first.model.errors, scaled.evidence),
             before=nominal.table(data),
             nominal=nominal,
             freedom=freedom,
             outliers=clean.outliers,
             evidence=scaled.evidence,
-            after=error_table(here, len(data)),
+            after=error_table(linearisation, len(data)),
             test=None,
-            chi_squared=_misfit(self.method, found.noise, here, freedom),
+            chi_squared=_misfit(self.method, found.noise, linearisation, freedom),
             data=data,
             test_data=None,
             estimator=self.method.label,
@@ -273,12 +273,12 @@ class FitTask:
             warnings=(
                 *model_warnings(self.robot, errors, self.options),
                 *said,
-                *few_spots(data, found.noise, freedom),
-                *large_scales(scaled.evidence),
+                *too_few_warning(data, found.noise, freedom),
+                *large_scales_warning(scaled.evidence),
             ),
-            misfits=dict(zip(data.kinds, _misfits(self.method, found.noise, here, plain), strict=True)),
+            misfits=dict(zip(data.kinds, _misfits(self.method, found.noise, linearisation, plain), strict=True)),
         )
-        return replace(result, warnings=(*result.warnings, *disagreement(result), *large_noise(result)))
+        return replace(result, warnings=(*result.warnings, *disagreement_warnings(result), *large_noise_warning(result)))
 
 
 @dataclass(frozen=True)
@@ -336,7 +336,7 @@ class _Scaled:
     evidence: Evidence | None = None
 
 
-def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:
+def _decided(linearisation: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:
     """What the data decided, judged against the priors that were stated: scales that the data chose hold more still.
 
     Sigmas of combinations are those of the estimate.
@@ -344,30 +344,32 @@ def _decided(here: Linearisation, found: Estimate, stated: ErrorModel, chosen: E
     belief = found.belief
     if chosen is None:
         return identify(stated.names, belief.x, belief.P, stated.sigma)
-    P = posterior(here, Belief.independent(stated.mean, stated.sigma), found.noise)
+    P = posterior(linearisation, Belief.independent(stated.mean, stated.sigma), found.noise)
     return with_sigmas(identify(stated.names, belief.x, P, stated.sigma), belief.P, stated.names)
 
 
-def _misfit(method: Method, noise: Noise, here: Linearisation, freedom: float) -> float:
+def _misfit(method: Method, noise: Noise, linearisation: Linearisation, freedom: float) -> float:
     """Chi-squared per degree of freedom; of the bulk alone where the estimator weighs outliers down and keeps them."""
     if method.estimator == "robust":
-        return robust_scale(squared_distances(here, noise), degrees(here)) ** 2 * here.count / max(freedom, 1.0)
-    return noise.chi_squared(here) / max(freedom, 1.0)
+        return (
+            robust_scale(mahalanobis_squared(linearisation, noise), degrees(linearisation)) ** 2 * linearisation.count / max(freedom, 1.0)
+        )
+    return noise.chi_squared(linearisation) / max(freedom, 1.0)
 
 
-def _misfits(method: Method, noise: Noise, here: Linearisation, P: Matrix) -> tuple[Misfit, ...]:
+def _misfits(method: Method, noise: Noise, linearisation: Linearisation, P: Matrix) -> tuple[Misfit, ...]:
     """The same of every kind of reading."""
-    found = misfits(here, noise, P)
+    found = misfits(linearisation, noise, P)
     if method.estimator != "robust":
         return found
-    scales = kind_scales(here, squared_distances(here, noise)).tolist()
+    scales = kind_scales(linearisation, mahalanobis_squared(linearisation, noise)).tolist()
     return tuple(
         replace(own, chi_squared=scale**2 * count / max(own.freedom, 1.0))
-        for own, scale, count in zip(found, scales, here.counts.tolist(), strict=True)
+        for own, scale, count in zip(found, scales, linearisation.counts.tolist(), strict=True)
     )
 
 
-def fitted_beyond_columns(task: FitTask, data: Measurements) -> FitResult:
+def fitted_with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
     """A fit of measurements of which some may state their noise; where they scatter more, what is beyond is estimated and added.
 
     That is found out with the filter, whatever the estimator, from a fit that knows nothing of the columns: it looks for mistakes, too.

@@ -15,7 +15,7 @@ from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.robust import Observations, beyond_belief, gate, inside
+from urdfcal.estimation.robust import Observations, gate, gross_outliers, inliers
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import UNITS
 
@@ -70,7 +70,7 @@ def fit_without_outliers(method: Method, model: Problem, prior: Belief, noise: N
     clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
         return CleanFit(model, clean)
-    mended, swaps = _unswapped(model, clean)
+    mended, swaps = _with_swaps_undone(model, clean)
     if swaps:
         model = model.with_data(mended)
         first = method.run(model.linearise, prior, noise)
@@ -92,7 +92,7 @@ def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tu
     """
     if len(found.belief.x) != len(model.errors.names):
         return model, ()
-    out = beyond_belief(Observations.of(model.linearise, found.belief.x), found)
+    out = gross_outliers(Observations.of(model.linearise, found.belief.x), found)
     return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
 
 
@@ -108,18 +108,18 @@ def _told_apart(method: Method, model: Problem, prior: Belief, noise: Noise, fir
         return gate(spots, prior, noise, first, begin=method.start, **method.limits())
     if not first.converged:
         return first, None
-    kept = inside(spots, prior, first)
+    kept = inliers(spots, prior, first)
     return first, None if kept.all() or spots.too_few(kept) else kept
 
 
-def _unswapped(model: Problem, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
+def _with_swaps_undone(model: Problem, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
     """The measurements with beams exchanged that were read for each other."""
     beams = [channel for channel in model.channels if channel.sensor.name == "spot"]
     if len(beams) < 2:
         return model.data, ()
-    data, here = model.data, model.linearise(clean.belief.x)
+    data, linearisation = model.data, model.linearise(clean.belief.x)
     spots, sigma, swaps = data.spots.copy(), data.sigma.copy(), []
-    predicted = spots - np.stack([here.residual[: len(data), channel.block.columns] for channel in beams], axis=1)
+    predicted = spots - np.stack([linearisation.residual[: len(data), channel.block.columns] for channel in beams], axis=1)
     for pose, one, other in swapped_poses(data, predicted, _NEAR * clean.noise.spot_sigma / MM):
         for each in (spots, sigma):
             each[pose, [one, other]] = each[pose, [other, one]]
@@ -129,14 +129,14 @@ def _unswapped(model: Problem, clean: Estimate) -> tuple[Measurements, tuple[Out
 
 
 def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...]:
-    data, here, outliers = model.data, model.linearise(clean.belief.x), []
-    lost = here.lost if here.lost is not None else np.zeros_like(kept)
-    for pose, index in np.argwhere((here.made & ~kept)[: len(data)]).tolist():
+    data, linearisation, outliers = model.data, model.linearise(clean.belief.x), []
+    lost = linearisation.lost if linearisation.lost is not None else np.zeros_like(kept)
+    for pose, index in np.argwhere((linearisation.made & ~kept)[: len(data)]).tolist():
         block = model.blocks[index]
         words, away = "its beam does not meet the screen in the model; is a joint's reading wrong?", None
         if not lost[pose, index]:
             size = UNITS[block.unit]
-            away = float(np.linalg.norm(here.residual[pose, block.columns])) / size
+            away = float(np.linalg.norm(linearisation.residual[pose, block.columns])) / size
             others = "the other spots" if model.channels[index].sensor.name == "spot" else "the other readings"
             words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
         outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))

@@ -95,7 +95,7 @@ class Channel:
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
 
-    def put(self, here: _Numbers, motion: ArmMotion, placed: Placements, rows: Rows, x: Vector) -> None:
+    def put(self, linearisation: _Numbers, motion: ArmMotion, placed: Placements, rows: Rows, x: Vector) -> None:
         """Residual, Jacobian and joint Jacobian of some poses at x, into the arrays of all of them."""
         measured = self.readings.measured[rows]
         if not measured.any():
@@ -110,12 +110,12 @@ class Channel:
             by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
             jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
         own = self.block.columns
-        here.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
-        here.jacobian[rows, own] = jacobian
-        if here.joint_jacobian.shape[2]:
-            here.joint_jacobian[rows, own] = jac2 @ by_joint
+        linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
+        linearisation.jacobian[rows, own] = jacobian
+        if linearisation.joint_jacobian.shape[2]:
+            linearisation.joint_jacobian[rows, own] = jac2 @ by_joint
         if look.lost is not None:
-            here.lost[rows, here.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+            linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
 
 
 @dataclass(frozen=True)
@@ -150,13 +150,13 @@ class Problem:
 
     def _channels(self) -> Iterator[Channel]:
         chain, data, first = self.errors.chain, self.data, 0
-        for own in data.readings:
-            sensor = SENSORS[own.sensor].with_camera(data.camera)
-            name = own.link if own.link in data.boards else own.target
+        for reading in data.readings:
+            sensor = SENSORS[reading.sensor].with_camera(data.camera)
+            name = reading.link if reading.link in data.boards else reading.target
             columns = slice(first, first + sensor.numbers)
             block = Block(f"{name} {sensor.title}".strip(), columns, data.kinds.index(sensor.noise), sensor.words.unit)
-            target = chain.frame_index("laser" if sensor.beam else "target", own.target)
-            yield Channel(own, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block)
+            target = chain.frame_index("laser" if sensor.beam else "target", reading.target)
+            yield Channel(reading, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block)
             first = columns.stop
 
     @cached_property
@@ -182,13 +182,13 @@ class Problem:
     @cached_property
     def measured(self) -> Mask:
         """Which numbers of each pose were measured, (n, m)."""
-        columns = [each.measured for each in self.data.readings]
+        columns = [reading.measured for reading in self.data.readings]
         return np.concatenate(columns, axis=1) if columns else np.zeros((len(self.data), 0), dtype=bool)
 
     @cached_property
     def stated_sigma(self) -> Matrix:
         """Standard deviation stated with each number, (n, m), nan for none."""
-        stated = [np.broadcast_to(each.sigma[:, None], each.measured.shape) for each in self.data.readings]
+        stated = [np.broadcast_to(reading.sigma[:, None], reading.measured.shape) for reading in self.data.readings]
         return np.concatenate(stated, axis=1) if stated else np.empty((len(self.data), 0))
 
     @cached_property
@@ -210,7 +210,7 @@ class Problem:
     def _linearised(self, x: Vector) -> Linearisation:
         n, m = self.measured.shape
         inputs = len(self.data.joints) if self.joints else 0
-        here = _Numbers(
+        linearisation = _Numbers(
             residual=np.zeros((n, m)),
             jacobian=np.zeros((n, m, len(self.errors.names))),
             joint_jacobian=np.zeros((n, m, inputs)),
@@ -221,9 +221,15 @@ class Problem:
         for session, rows in self.parts:
             motion = self.motion(x, placed[session], rows, self.joints)
             for channel in self.channels:
-                channel.put(here, motion, placed[session], rows, x)
+                channel.put(linearisation, motion, placed[session], rows, x)
         linearised = Linearisation(
-            here.residual, here.jacobian, here.joint_jacobian, self.measured, self.stated_sigma, self.blocks, here.lost
+            linearisation.residual,
+            linearisation.jacobian,
+            linearisation.joint_jacobian,
+            self.measured,
+            self.stated_sigma,
+            self.blocks,
+            linearisation.lost,
         )
         return _with_known(linearised, self.errors, self.data.lengths, x)
 
@@ -288,26 +294,28 @@ def _seen_from(back: Array3, p: Matrix, twists: Array3) -> Array3:
     return np.concatenate([back @ (v - skew(p) @ w), back @ w], axis=1)
 
 
-def _with_known(here: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
+def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
     """The same with what is known beforehand as further rows: distances between places, and a sum of parameters that is held.
 
     Each stands in the first number of its row.
     """
     known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
     if not known:
-        return here
-    rows, m, p = len(known), here.residual.shape[1], len(x)
+        return linearisation
+    rows, m, p = len(known), linearisation.residual.shape[1], len(x)
     residual, jacobian, sigma = np.zeros((rows, m)), np.zeros((rows, m, p)), np.full((rows, m), np.nan)
     for row, (left, gradient, deviation) in enumerate(known):
         residual[row, 0], jacobian[row, 0], sigma[row, 0] = left, gradient, deviation
     return replace(
-        here,
-        residual=np.vstack([here.residual, residual]),
-        jacobian=np.concatenate([here.jacobian, jacobian]),
-        joint_jacobian=np.concatenate([here.joint_jacobian, np.zeros((rows, m, here.joint_jacobian.shape[2]))]),
-        measured=np.vstack([here.measured, ~np.isnan(sigma)]),
-        stated_sigma=np.vstack([here.stated_sigma, sigma]),
-        lost=None if here.lost is None else np.vstack([here.lost, np.zeros((rows, len(here.blocks)), dtype=bool)]),
+        linearisation,
+        residual=np.vstack([linearisation.residual, residual]),
+        jacobian=np.concatenate([linearisation.jacobian, jacobian]),
+        joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),
+        measured=np.vstack([linearisation.measured, ~np.isnan(sigma)]),
+        stated_sigma=np.vstack([linearisation.stated_sigma, sigma]),
+        lost=None
+        if linearisation.lost is None
+        else np.vstack([linearisation.lost, np.zeros((rows, len(linearisation.blocks)), dtype=bool)]),
     )
 
 

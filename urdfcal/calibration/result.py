@@ -246,12 +246,12 @@ class FitResult:
             raise FitRejected(self.rejection)
 
 
-def disagreement(found: FitResult) -> tuple[str, ...]:
+def disagreement_warnings(found: FitResult) -> tuple[str, ...]:
     """Chi-squared far from its degrees of freedom: the noise that was stated is not the noise that is seen."""
     return tuple(f"{words}; leave the noise out to have it estimated" for words in found.disagreements)
 
 
-def large_noise(found: FitResult) -> tuple[str, ...]:
+def large_noise_warning(found: FitResult) -> tuple[str, ...]:
     """Noise that was estimated far beyond what is usual: something is wrong with the data, or the model cannot follow."""
     warnings = []
     for kind, sigma, stated in zip(found.kinds, found.estimate.noise.sigma.tolist(), found.estimate.noise.stated, strict=True):
@@ -263,7 +263,7 @@ def large_noise(found: FitResult) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ...]:
+def too_few_warning(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ...]:
     """Noise that is assumed, since there are too few measurements to estimate it."""
     if noise.all_stated or freedom >= LEAST_FREEDOM:
         return ()
@@ -278,7 +278,7 @@ def few_spots(data: Measurements, noise: Noise, freedom: float) -> tuple[str, ..
     )
 
 
-def large_scales(chosen: Evidence | None) -> tuple[str, ...]:
+def large_scales_warning(chosen: Evidence | None) -> tuple[str, ...]:
     """Joint errors that are far larger than a robot's usually are."""
     usual = DEFAULT_PRIORS["joint"]
     scales = chosen.scales if chosen is not None else {}

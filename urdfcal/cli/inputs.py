@@ -81,7 +81,7 @@ def measured(
     data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
     if rig is not None:
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
-    if target is not None and not (rig and rig.target) and target not in {each.link for each in data.readings}:
+    if target is not None and not (rig and rig.target) and target not in {reading.link for reading in data.readings}:
         raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
     if reference is not None and not (rig and rig.reference) and data.only_spots:
         raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")

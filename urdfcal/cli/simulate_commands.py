@@ -57,8 +57,8 @@ def simulate(
         list[str] | None,
         typer.Option(
             metavar="KIND:LINK",
-            help="What measures: laser (the robot's lasers), or point, pose, distance, plane, socket or inclination of a target on LINK, several on one "
-            "link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
+            help="What measures: laser (the robot's lasers), or point, pose, distance, plane, socket or inclination of a target on LINK, "
+            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
             show_default=False,
         ),
     ] = None,

@@ -153,14 +153,14 @@ def iterated_schedule(
     """
     scale = np.sqrt(np.diag(prior.P))
     x = prior.x if start is None else start
-    here = linearise(x)
-    belief, history = Belief(x, prior.P), [Sweep(x, np.nan, here.rms)]
-    if not here.usable:
-        return Estimate(belief, here.trouble, noise, history)
+    linearisation = linearise(x)
+    belief, history = Belief(x, prior.P), [Sweep(x, np.nan, linearisation.rms)]
+    if not linearisation.usable:
+        return Estimate(belief, linearisation.trouble, noise, history)
     settled, last = noise.all_stated, 0.0
     for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
-        weights = noise.weights(here)
-        H, residual = weights.jacobian(here), weights.residual(here)
+        weights = noise.weights(linearisation)
+        H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
         rows, short = compress(H, residual + H @ (x - prior.x), scale)
         updated, _ = update(prior, short, rows, np.eye(len(short)))
         step = updated.P @ (residual @ H - (x - prior.x) / scale**2)  # updated.x - x, but without the rounding of a whole update
@@ -169,16 +169,16 @@ def iterated_schedule(
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
         if not settled and sigmas < _NEARLY:
-            better = noise.estimated(here, degrees_of_freedom(here, H, belief))
-            settled, noise, last = better.close_to(noise, here), better, 0.0
+            better = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, belief))
+            settled, noise, last = better.close_to(noise, linearisation), better, 0.0
         elif left < tolerance or np.abs(step).max() < _STANDSTILL:
-            return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), here.rms)])
+            return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), linearisation.rms)])
         else:
-            moved, there = _damped(linearise, x, step, here, weights, prior)
+            moved, there = _damped(linearise, x, step, linearisation, weights, prior)
             if there is None:
                 return Estimate(replace(belief, x=x), "stalled", noise, history)
             history.append(Sweep(moved, float(np.linalg.norm(moved - x)), there.rms))
-            x, here = moved, there
+            x, linearisation = moved, there
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 
 
@@ -206,41 +206,41 @@ def paper_schedule(
         tolerance: Norm of the state change that ends the sweeps.
         max_sweeps: How many sweeps are allowed.
     """
-    here = linearise(prior.x)
-    belief, history = prior, [Sweep(prior.x, np.nan, here.rms)]
+    linearisation = linearise(prior.x)
+    belief, history = prior, [Sweep(prior.x, np.nan, linearisation.rms)]
     Q, unit = q * np.eye(len(prior.x)), Weights.uniform(np.sqrt(r))
     for _ in range(max_sweeps or MAX_SWEEPS["paper"]):
-        if not here.usable:
-            return Estimate(belief, here.trouble, noise, history)
+        if not linearisation.usable:
+            return Estimate(belief, linearisation.trouble, noise, history)
         predicted = Belief(belief.x, belief.P + Q)
-        rows, short = compress(unit.jacobian(here), unit.residual(here), np.sqrt(np.diag(predicted.P)))
+        rows, short = compress(unit.jacobian(linearisation), unit.residual(linearisation), np.sqrt(np.diag(predicted.P)))
         belief, _ = update(predicted, short, rows, np.eye(len(short)))
         step = float(np.linalg.norm(belief.x - predicted.x))
         if not np.isfinite(step):
-            return Estimate(predicted, "not_finite", noise, [*history, Sweep(belief.x, step, here.rms)])
-        here = linearise(belief.x)
-        history.append(Sweep(belief.x, step, here.rms))
+            return Estimate(predicted, "not_finite", noise, [*history, Sweep(belief.x, step, linearisation.rms)])
+        linearisation = linearise(belief.x)
+        history.append(Sweep(belief.x, step, linearisation.rms))
         if step < tolerance:
             return Estimate(belief, "converged", noise, history)
     return Estimate(belief, "max_sweeps", noise, history)
 
 
-def degrees_of_freedom(here: Linearisation, H: Matrix, belief: Belief) -> Vector:
+def degrees_of_freedom(linearisation: Linearisation, H: Matrix, belief: Belief) -> Vector:
     """Numbers of each kind that do not state their noise, less the parameters that they, and not the prior, decide, (kinds,).
 
     Where none states any that is n - tr(P H'H).
     """
-    own = here.unstated
-    if len(here.counts) == 1 and np.array_equal(own, here.measured):
-        return here.counts - float(np.sum(belief.P * (H.T @ H)))
-    return here.of_kinds(np.where(own, 1 - here.leverages(H, belief.P), 0.0))
+    own = linearisation.unstated
+    if len(linearisation.counts) == 1 and np.array_equal(own, linearisation.measured):
+        return linearisation.counts - float(np.sum(belief.P * (H.T @ H)))
+    return linearisation.of_kinds(np.where(own, 1 - linearisation.leverages(H, belief.P), 0.0))
 
 
 def _damped(
-    linearise: Linearise, x: Vector, step: Vector, here: Linearisation, weights: Weights, prior: Belief
+    linearise: Linearise, x: Vector, step: Vector, linearisation: Linearisation, weights: Weights, prior: Belief
 ) -> tuple[Vector, Linearisation | None]:
     """The longest of step, step/2, step/4 ... that does not raise the cost."""
-    cost = _cost(here, weights, x, prior)
+    cost = _cost(linearisation, weights, x, prior)
     for halving in range(_HALVINGS):
         moved = x + step / 2**halving
         there = linearise(moved)
@@ -249,12 +249,14 @@ def _damped(
     return x, None
 
 
-def _cost(here: Linearisation, weights: Weights, x: Vector, prior: Belief) -> float:
-    residual = weights.residual(here)
+def _cost(linearisation: Linearisation, weights: Weights, x: Vector, prior: Belief) -> float:
+    residual = weights.residual(linearisation)
     return float(residual @ residual + np.sum((x - prior.x) ** 2 / np.diag(prior.P)))
 
 
-def posterior(here: Linearisation, prior: Belief, noise: Noise) -> Matrix:
+def posterior(linearisation: Linearisation, prior: Belief, noise: Noise) -> Matrix:
     """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
-    rows, _ = compress(noise.weights(here).jacobian(here), np.zeros(here.measured.size), np.sqrt(np.diag(prior.P)))
+    rows, _ = compress(
+        noise.weights(linearisation).jacobian(linearisation), np.zeros(linearisation.measured.size), np.sqrt(np.diag(prior.P))
+    )
     return update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P

@@ -12,7 +12,7 @@ from urdfcal.base.geometry import Vector
 from urdfcal.estimation.ekf import Belief, Estimate, degrees_of_freedom, iterated_schedule, paper_schedule, posterior
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
-from urdfcal.estimation.robust import Observations, reweighted
+from urdfcal.estimation.robust import Observations, iteratively_reweighted
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
 SCHEDULES = ("iterated", "paper")
@@ -86,7 +86,7 @@ class Method:
     def run(self, linearise: Linearise, prior: Belief, noise: Noise) -> Estimate:
         """Fit one set of data."""
         if self.estimator == "robust":
-            return reweighted(Observations.of(linearise, prior.x), prior, noise, start=self.start)
+            return iteratively_reweighted(Observations.of(linearise, prior.x), prior, noise, start=self.start)
         if self.estimator == "evolution":
             from urdfcal.estimation.evolution import differential_evolution
 
@@ -106,12 +106,12 @@ def with_honest_covariance(linearise: Linearise, swept: Estimate, prior: Belief,
 
     Spot noise that is not stated is estimated from the residual, as elsewhere.
     """
-    here = linearise(swept.belief.x)
-    if not here.usable:
+    linearisation = linearise(swept.belief.x)
+    if not linearisation.usable:
         return swept
-    P = posterior(here, prior, noise)
+    P = posterior(linearisation, prior, noise)
     if not noise.all_stated:
-        H = noise.weights(here).jacobian(here)
-        noise = noise.estimated(here, degrees_of_freedom(here, H, Belief(swept.belief.x, P)))
-        P = posterior(here, prior, noise)
+        H = noise.weights(linearisation).jacobian(linearisation)
+        noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, Belief(swept.belief.x, P)))
+        P = posterior(linearisation, prior, noise)
     return replace(swept, belief=Belief(swept.belief.x, P), noise=noise)

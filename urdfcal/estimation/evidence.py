@@ -81,11 +81,11 @@ def by_evidence(linearise: Linearise, prior: Prior, noise: Noise, first: Estimat
         found = iterated_schedule(linearise, belief, replace(chosen, stated=True), start=found.belief.x)
         if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break
-    unsure = Belief(found.belief.x, with_unsure_scales(prior, found.belief))
+    unsure = Belief(found.belief.x, covariance_of_uncertain_scales(prior, found.belief))
     return prior, replace(found, belief=unsure, noise=chosen), Evidence(scales, chosen, prior.groups)
 
 
-def with_unsure_scales(prior: Prior, belief: Belief) -> Matrix:
+def covariance_of_uncertain_scales(prior: Prior, belief: Belief) -> Matrix:
     """Covariance of the parameters that knows how little is known of the scales, (p, p)."""
     P, sigma, dx = belief.P, prior.sigma, belief.x - prior.mean
     wide, moved = sigma.copy(), np.zeros_like(P)
@@ -107,10 +107,10 @@ def _chosen(
     """MacKay's fixed point at one linearisation; noise of which the data tell too little is no larger than usual, (kinds,)."""
     sums = _sums(linearise, noise, x, prior.mean)
     members = {group: prior.members(group) for group in scales}
-    A, b = np.array([each.A for each in sums]), np.array([each.b for each in sums])
+    A, b = np.array([sums_of_kind.A for sums_of_kind in sums]), np.array([sums_of_kind.b for sums_of_kind in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
     least, most = np.append(noise.times(0.0).sigma / noise.sigma, 1.0), np.append(usual / noise.sigma, 1.0)
-    fixed = np.append(noise.stated, True) | (np.array([each.count for each in sums]) == 0)
+    fixed = np.append(noise.stated, True) | (np.array([sums_of_kind.count for sums_of_kind in sums]) == 0)
     for _ in range(_FIXED_POINT_ROUNDS):
         sigma = prior.with_scales(scales).sigma
         P = np.linalg.inv(np.tensordot(factor**-2, A, 1) + np.diag(1 / sigma**2))
@@ -150,13 +150,13 @@ class _Sums:
 
 def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
     """One for each kind of noise, and a last one for what states its own."""
-    here = linearise(x)
-    weights = noise.weights(here)
-    J, r = weights.jacobian(here), weights.residual(here)
-    y, stated = r + J @ (x - mean), ~np.isnan(here.stated_sigma)
-    kinds = np.where(stated, len(here.counts), here.kinds).ravel()
-    counts = np.bincount(kinds[np.asarray(here.measured).ravel()], minlength=len(here.counts) + 1)
-    if len(here.counts) == 1 and not stated.any():
+    linearisation = linearise(x)
+    weights = noise.weights(linearisation)
+    J, r = weights.jacobian(linearisation), weights.residual(linearisation)
+    y, stated = r + J @ (x - mean), ~np.isnan(linearisation.stated_sigma)
+    kinds = np.where(stated, len(linearisation.counts), linearisation.kinds).ravel()
+    counts = np.bincount(kinds[np.asarray(linearisation.measured).ravel()], minlength=len(linearisation.counts) + 1)
+    if len(linearisation.counts) == 1 and not stated.any():
         return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0])), _Sums(np.zeros((len(x), len(x))), np.zeros(len(x)), 0.0, 0.0)]
     own = [kinds == kind for kind in range(len(counts))]
     return [_Sums(J[k].T @ J[k], J[k].T @ y[k], float(y[k] @ y[k]), float(count)) for k, count in zip(own, counts, strict=True)]

@@ -34,11 +34,11 @@ def differential_evolution(
     """
     from scipy import optimize
 
-    here = linearise(prior.x)
-    if not here.usable:
-        return Estimate(prior, here.trouble, noise, [Sweep(prior.x, np.nan, here.rms)])
+    linearisation = linearise(prior.x)
+    if not linearisation.usable:
+        return Estimate(prior, linearisation.trouble, noise, [Sweep(prior.x, np.nan, linearisation.rms)])
     scale = np.sqrt(np.diag(prior.P))
-    H = here.jacobian.reshape(-1, len(scale)) * scale
+    H = linearisation.jacobian.reshape(-1, len(scale)) * scale
     values, vectors = np.linalg.eigh(H.T @ H)
     seen = vectors[:, values > _SEEN * values[-1]]
 
@@ -54,5 +54,8 @@ def differential_evolution(
         cost, bounds, maxiter=_GENERATIONS, popsize=_POPULATION, x0=np.zeros(seen.shape[1]), rng=rng, polish=False, init="halton"
     )
     polished = iterated_schedule(linearise, prior, noise, start=state(found.x), tolerance=tolerance, max_sweeps=max_sweeps)
-    searched = [Sweep(prior.x, np.nan, here.rms), Sweep(state(found.x), float(np.linalg.norm(state(found.x) - prior.x)), float(found.fun))]
+    searched = [
+        Sweep(prior.x, np.nan, linearisation.rms),
+        Sweep(state(found.x), float(np.linalg.norm(state(found.x) - prior.x)), float(found.fun)),
+    ]
     return Estimate(polished.belief, polished.stop, polished.noise, [*searched, *polished.history[1:]])

@@ -101,7 +101,7 @@ def with_sigmas(seen: Identifiability, P: Matrix, names: Sequence[str]) -> Ident
         weights[[column[name] for name in terms]] = list(terms.values())
         return float(np.sqrt(weights @ P @ weights))
 
-    return replace(seen, combinations=tuple(replace(each, sigma=sigma(each.terms)) for each in seen.combinations))
+    return replace(seen, combinations=tuple(replace(combination, sigma=sigma(combination.terms)) for combination in seen.combinations))
 
 
 @dataclass(frozen=True)

@@ -41,10 +41,10 @@ def levenberg_marquardt(
     scale, x = np.sqrt(np.diag(prior.P)), prior.x if start is None else start
     history = [Sweep(x, np.nan, linearise(x).rms)]
     for _ in range(_ROUNDS):
-        here = linearise(x)
-        if not here.usable:
-            return Estimate(Belief(x, prior.P), here.trouble, noise, history)
-        weights, last = noise.weights(here), x
+        linearisation = linearise(x)
+        if not linearisation.usable:
+            return Estimate(Belief(x, prior.P), linearisation.trouble, noise, history)
+        weights, last = noise.weights(linearisation), x
 
         def residuals(u: Vector, weights: object = weights) -> Vector:
             return np.concatenate([-weights.residual(linearise(prior.x + scale * u)), u])  # type: ignore[attr-defined]
@@ -56,16 +56,16 @@ def levenberg_marquardt(
             residuals, (x - prior.x) / scale, jac=jacobian, method="lm", ftol=tolerance, xtol=tolerance, gtol=tolerance, max_nfev=max_sweeps
         )
         x = prior.x + scale * found.x
-        here = linearise(x)
-        history.append(Sweep(x, float(np.linalg.norm(x - last)), here.rms))
+        linearisation = linearise(x)
+        history.append(Sweep(x, float(np.linalg.norm(x - last)), linearisation.rms))
         J = jacobian(found.x)
         P = np.linalg.inv(J.T @ J) * np.outer(scale, scale)
         belief = Belief(x, (P + P.T) / 2)
         if not found.success:
             return Estimate(belief, "max_sweeps", noise, history)
-        better = noise.estimated(here, degrees_of_freedom(here, weights.jacobian(here), belief))
+        better = noise.estimated(linearisation, degrees_of_freedom(linearisation, weights.jacobian(linearisation), belief))
         rest = np.max(np.abs(x - last) / np.sqrt(np.diag(P))) < 1e-6
-        if better.close_to(noise, here) and (rest or not noise.of_joints):
+        if better.close_to(noise, linearisation) and (rest or not noise.of_joints):
             return Estimate(belief, "converged", noise, history)
         noise = better
     return Estimate(belief, "max_sweeps", noise, history)

@@ -37,13 +37,13 @@ class Weights:
         """The same standard deviation for every number."""
         return Weights(np.asarray(1 / sigma))
 
-    def residual(self, here: Linearisation) -> Vector:
+    def residual(self, linearisation: Linearisation) -> Vector:
         """Residual in units of its standard deviation, (n m,)."""
-        return self._whitened(here.residual[..., None]).ravel()
+        return self._whitened(linearisation.residual[..., None]).ravel()
 
-    def jacobian(self, here: Linearisation) -> Matrix:
+    def jacobian(self, linearisation: Linearisation) -> Matrix:
         """Jacobian of the whitened residual's prediction, (n m, p)."""
-        return self._whitened(here.jacobian).reshape(-1, here.jacobian.shape[-1])
+        return self._whitened(linearisation.jacobian).reshape(-1, linearisation.jacobian.shape[-1])
 
     def _whitened(self, rows: Array3) -> Array3:
         if self.factor.ndim == 3:
@@ -85,34 +85,34 @@ class Noise:
         """Whether none of them is estimated."""
         return bool(self.stated.all())
 
-    def weights(self, here: Linearisation) -> Weights:
+    def weights(self, linearisation: Linearisation) -> Weights:
         """Whitening at one linearisation."""
         if not self.of_joints:
-            return Weights(1 / self.of_numbers(here))
-        return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(here))))
+            return Weights(1 / self.of_numbers(linearisation))
+        return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(linearisation))))
 
-    def pose_covariance(self, here: Linearisation) -> Array3:
+    def pose_covariance(self, linearisation: Linearisation) -> Array3:
         """R_i = R_spot + J_q R_q J_q' of every pose, (n, m, m); what was not measured has unit variance."""
-        reach = here.joint_jacobian * self.joint_sigma if self.of_joints else np.zeros((*here.residual.shape, 1))
+        reach = linearisation.joint_jacobian * self.joint_sigma if self.of_joints else np.zeros((*linearisation.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
-        numbers = np.arange(here.residual.shape[1])
-        R[:, numbers, numbers] += np.where(here.measured, self.of_numbers(here) ** 2, 1.0)
+        numbers = np.arange(linearisation.residual.shape[1])
+        R[:, numbers, numbers] += np.where(linearisation.measured, self.of_numbers(linearisation) ** 2, 1.0)
         return np.asarray(R)
 
     def times(self, factor: Any) -> Noise:
         """The same with every sigma, or each by its own factor (kinds,), that many times as large."""
         return replace(self, sigma=np.maximum(self.sigma * factor, _LEAST_SIGMA))
 
-    def of_numbers(self, here: Linearisation) -> Matrix:
+    def of_numbers(self, linearisation: Linearisation) -> Matrix:
         """Standard deviation of each number, the readings of joints left out, (n, m)."""
-        return np.where(np.isnan(here.stated_sigma), self.sigma[here.kinds], here.stated_sigma)
+        return np.where(np.isnan(linearisation.stated_sigma), self.sigma[linearisation.kinds], linearisation.stated_sigma)
 
-    def chi_squared(self, here: Linearisation) -> float:
+    def chi_squared(self, linearisation: Linearisation) -> float:
         """Sum of the squared whitened residuals."""
-        whitened = self.weights(here).residual(here)
+        whitened = self.weights(linearisation).residual(linearisation)
         return float(whitened @ whitened)
 
-    def estimated(self, here: Linearisation, degrees_of_freedom: Any) -> Noise:
+    def estimated(self, linearisation: Linearisation, degrees_of_freedom: Any) -> Noise:
         """The noise that would make chi-squared of each kind equal its degrees of freedom (kinds,), one fixed-point step on from this.
 
         Both are of numbers that do not state their noise.
@@ -121,14 +121,14 @@ class Noise:
         of their noise.
         """
         freedom = np.atleast_1d(degrees_of_freedom)
-        squares = (self.weights(here).residual(here) ** 2).reshape(here.residual.shape)
-        chi_squared = here.of_kinds(squares * here.unstated)
+        squares = (self.weights(linearisation).residual(linearisation) ** 2).reshape(linearisation.residual.shape)
+        chi_squared = linearisation.of_kinds(squares * linearisation.unstated)
         fixed = self.stated | (freedom < LEAST_FREEDOM)
         return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
 
-    def close_to(self, other: Noise, here: Linearisation) -> bool:
+    def close_to(self, other: Noise, linearisation: Linearisation) -> bool:
         """Whether another estimate of the noise is the same for all purposes: joint readings may hide a sensor's own noise."""
-        own, old = (np.diagonal(each.pose_covariance(here), axis1=1, axis2=2)[here.measured] for each in (self, other))
+        own, old = (np.diagonal(each.pose_covariance(linearisation), axis1=1, axis2=2)[linearisation.measured] for each in (self, other))
         return bool(np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)
 
 
@@ -155,22 +155,22 @@ class Misfit:
         return (self.chi_squared - 1) / float(np.sqrt(2 / max(self.freedom, 1.0)))
 
 
-def misfits(here: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
+def misfits(linearisation: Linearisation, noise: Noise, P: Matrix) -> tuple[Misfit, ...]:
     """One for each kind of reading, in the order of the noise.
 
     Args:
-        here: Residual and Jacobian at the estimate.
+        linearisation: Residual and Jacobian at the estimate.
         noise: Of the measurements.
         P: Covariance of the parameters, (p, p).
 
     Returns:
         Of a kind of which any state their own noise, that of those alone.
     """
-    weights, stating = noise.weights(here), here.measured & ~here.unstated
-    own = np.where((here.of_kinds(stating) > 0)[here.kinds], stating, here.measured)
-    squares = np.where(own, (weights.residual(here) ** 2).reshape(own.shape), 0.0)
-    free = np.where(own, 1 - here.leverages(weights.jacobian(here), P), 0.0)
+    weights, stating = noise.weights(linearisation), linearisation.measured & ~linearisation.unstated
+    own = np.where((linearisation.of_kinds(stating) > 0)[linearisation.kinds], stating, linearisation.measured)
+    squares = np.where(own, (weights.residual(linearisation) ** 2).reshape(own.shape), 0.0)
+    free = np.where(own, 1 - linearisation.leverages(weights.jacobian(linearisation), P), 0.0)
     return tuple(
         Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
-        for chi_squared, freedom in zip(here.of_kinds(squares), here.of_kinds(free), strict=True)
+        for chi_squared, freedom in zip(linearisation.of_kinds(squares), linearisation.of_kinds(free), strict=True)
     )

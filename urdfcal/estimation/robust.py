@@ -37,27 +37,27 @@ _MARGIN = 3.0  # times that a spot that was not fitted must be farther off to be
 _MOST_OUT = 0.4  # share of outliers beyond which there is no telling which is which
 
 
-def squared_distances(here: Linearisation, noise: Noise, uncertainty: Matrix | None = None) -> Matrix:
+def mahalanobis_squared(linearisation: Linearisation, noise: Noise, uncertainty: Matrix | None = None) -> Matrix:
     """Squared Mahalanobis distance of every observation, (n, blocks), chi-squared with its numbers' degrees; nan where there is none.
 
     Args:
-        here: Residual and Jacobian.
+        linearisation: Residual and Jacobian.
         noise: Of the measurements.
         uncertainty: Covariance of the parameters, (p, p), for what was not fitted: S = R + J P J' in place of R.
     """
-    covariance = noise.pose_covariance(here)
+    covariance = noise.pose_covariance(linearisation)
     if uncertainty is not None:
-        covariance = covariance + here.jacobian @ uncertainty @ here.jacobian.transpose(0, 2, 1)
+        covariance = covariance + linearisation.jacobian @ uncertainty @ linearisation.jacobian.transpose(0, 2, 1)
     columns = []
-    for block in here.blocks:
-        own, S = here.residual[:, block.columns], covariance[:, block.columns, block.columns]
+    for block in linearisation.blocks:
+        own, S = linearisation.residual[:, block.columns], covariance[:, block.columns, block.columns]
         columns.append(np.einsum("ni,ni->n", own, np.linalg.solve(S, own[..., None])[..., 0]))
-    return np.where(degrees(here) > 0, np.column_stack(columns), np.nan)
+    return np.where(degrees(linearisation) > 0, np.column_stack(columns), np.nan)
 
 
-def degrees(here: Linearisation) -> Matrix:
+def degrees(linearisation: Linearisation) -> Matrix:
     """How many numbers of every observation were measured, (n, blocks)."""
-    return np.column_stack([np.count_nonzero(here.measured[:, block.columns], axis=1) for block in here.blocks])
+    return np.column_stack([np.count_nonzero(linearisation.measured[:, block.columns], axis=1) for block in linearisation.blocks])
 
 
 def robust_scale(d2: Matrix, freedom: Matrix | None = None) -> float:
@@ -65,10 +65,10 @@ def robust_scale(d2: Matrix, freedom: Matrix | None = None) -> float:
     return float(np.sqrt(np.nanmedian(d2 / (MEDIANS[2] if freedom is None else medians(freedom)))))
 
 
-def kind_scales(here: Linearisation, d2: Matrix) -> Vector:
+def kind_scales(linearisation: Linearisation, d2: Matrix) -> Vector:
     """The robust scale of every kind of noise, (kinds,), of what does not state its own if there is any; 1 where nothing was measured."""
-    scales, kinds, stating = observation_scales(here, d2), _kinds(here), _stating(here)
-    found = np.ones(len(here.counts))
+    scales, kinds, stating = observation_scales(linearisation, d2), _kinds(linearisation), _stating(linearisation)
+    found = np.ones(len(linearisation.counts))
     for kind in range(len(found)):
         for own in (np.isfinite(d2) & (kinds == kind) & apart for apart in (stating, ~stating)):
             if own.any():
@@ -76,9 +76,9 @@ def kind_scales(here: Linearisation, d2: Matrix) -> Vector:
     return found
 
 
-def observation_scales(here: Linearisation, d2: Matrix) -> Matrix:
+def observation_scales(linearisation: Linearisation, d2: Matrix) -> Matrix:
     """The robust scale of the sort that each observation is of, (n, blocks): its kind, those that state their own noise apart."""
-    freedom, scales, kinds, stating = degrees(here), np.ones_like(d2), _kinds(here), _stating(here)
+    freedom, scales, kinds, stating = degrees(linearisation), np.ones_like(d2), _kinds(linearisation), _stating(linearisation)
     for kind in np.unique(kinds):
         for own in ((kinds == kind) & apart for apart in (stating, ~stating)):
             if np.isfinite(d2[own]).any():
@@ -86,14 +86,14 @@ def observation_scales(here: Linearisation, d2: Matrix) -> Matrix:
     return scales
 
 
-def _kinds(here: Linearisation) -> Matrix:
+def _kinds(linearisation: Linearisation) -> Matrix:
     """Index of the noise of each observation, (n, blocks)."""
-    return np.broadcast_to([block.kind for block in here.blocks], (len(here.residual), len(here.blocks)))
+    return np.broadcast_to([block.kind for block in linearisation.blocks], (len(linearisation.residual), len(linearisation.blocks)))
 
 
-def _stating(here: Linearisation) -> Mask:
+def _stating(linearisation: Linearisation) -> Mask:
     """Which observations state their own noise, (n, blocks)."""
-    return np.column_stack([np.isfinite(here.stated_sigma[:, block.columns]).any(axis=1) for block in here.blocks])
+    return np.column_stack([np.isfinite(linearisation.stated_sigma[:, block.columns]).any(axis=1) for block in linearisation.blocks])
 
 
 @dataclass(frozen=True)
@@ -119,16 +119,18 @@ class Observations:
 
     def reached(self, x: Vector) -> tuple[Linearisation, Mask]:
         """The set at x without what is out of the sensor's reach there, and what that is not, (n, blocks)."""
-        here = self.linearise(x)
-        met = np.ones_like(self.made) if here.lost is None else ~here.lost
-        return here.without(~met), met
+        linearisation = self.linearise(x)
+        met = np.ones_like(self.made) if linearisation.lost is None else ~linearisation.lost
+        return linearisation.without(~met), met
 
     def too_few(self, kept: Mask) -> bool:
         """Whether so many are left out that there is no telling which are right."""
         return bool(np.mean(kept[self.made]) < 1 - _MOST_OUT)
 
 
-def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None) -> Estimate:
+def iteratively_reweighted(
+    observed: Observations, prior: Belief, noise: Noise, *, loss: Loss = "student", start: Vector | None = None
+) -> Estimate:
     """Maximum a posteriori estimate under Student's or Huber's distribution, by iteratively reweighted steps.
 
     Spot noise that is not stated is the robust scale of the residual.
@@ -142,14 +144,16 @@ def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Los
     """
     belief = Belief(prior.x if start is None else start, prior.P)
     estimate, heard = Estimate(belief, "max_sweeps", noise), np.empty(0, dtype=bool)
-    here, met = observed.reached(belief.x)
+    linearisation, met = observed.reached(belief.x)
     history: list[Sweep] = []
     for _ in range(_ROUNDS):
-        if not here.usable or observed.too_few(met):
-            return replace(estimate, stop=here.trouble or "left_screen", history=history or [Sweep(belief.x, np.nan, here.rms)])
-        scaled = _rescaled(noise, here, belief, prior)
-        d2, last = squared_distances(here, scaled), heard
-        heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, degrees(here), loss)
+        if not linearisation.usable or observed.too_few(met):
+            return replace(
+                estimate, stop=linearisation.trouble or "left_screen", history=history or [Sweep(belief.x, np.nan, linearisation.rms)]
+            )
+        scaled = _rescaled(noise, linearisation, belief, prior)
+        d2, last = mahalanobis_squared(linearisation, scaled), heard
+        heard, weights = met & ~(d2 > _NO_SAY**2), _weights(d2, degrees(linearisation), loss)
         estimate = iterated_schedule(
             lambda state, heard=heard, weights=weights: _weighted(observed.at(state, heard), weights),  # type: ignore[misc]
             prior,
@@ -161,19 +165,19 @@ def reweighted(observed: Observations, prior: Belief, noise: Noise, *, loss: Los
         history += estimate.history[-1:]
         moved = np.max(np.abs(estimate.belief.x - belief.x) / np.sqrt(np.diag(estimate.belief.P)))
         belief = estimate.belief
-        here, met = observed.reached(belief.x)
-        if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, here, belief, prior), here):
+        linearisation, met = observed.reached(belief.x)
+        if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, linearisation, belief, prior), linearisation):
             belief = Belief(belief.x, _covariance(observed.at(belief.x, heard), scaled, estimate.belief, prior, loss))
             return replace(estimate, belief=belief, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
     return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
 
 
-def _rescaled(noise: Noise, here: Linearisation, belief: Belief, prior: Belief) -> Noise:
+def _rescaled(noise: Noise, linearisation: Linearisation, belief: Belief, prior: Belief) -> Noise:
     """Noise at the robust scale of the residuals; never under what is stated, nor what is usual where too few residuals tell."""
-    scales = kind_scales(here, squared_distances(here, noise))
-    if here.count - _used(belief, prior) < LEAST_FREEDOM:
+    scales = kind_scales(linearisation, mahalanobis_squared(linearisation, noise))
+    if linearisation.count - _used(belief, prior) < LEAST_FREEDOM:
         return noise.times(np.maximum(scales, 1.0))
-    return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(here, belief, prior)))
+    return noise.times(np.where(noise.stated, np.maximum(scales, 1.0), scales * _room(linearisation, belief, prior)))
 
 
 def _used(belief: Belief, prior: Belief) -> float:
@@ -181,24 +185,28 @@ def _used(belief: Belief, prior: Belief) -> float:
     return len(belief.x) - float(np.sum(np.diag(belief.P) / np.diag(prior.P)))
 
 
-def _room(here: Linearisation, belief: Belief, prior: Belief) -> float:
+def _room(linearisation: Linearisation, belief: Belief, prior: Belief) -> float:
     """How many times smaller than the noise residuals are for the parameters having been fitted to them."""
-    return float(np.sqrt(here.count / max(here.count - _used(belief, prior), LEAST_FREEDOM))) if here.count > LEAST_FREEDOM else 1.0
+    return (
+        float(np.sqrt(linearisation.count / max(linearisation.count - _used(belief, prior), LEAST_FREEDOM)))
+        if linearisation.count > LEAST_FREEDOM
+        else 1.0
+    )
 
 
-def _covariance(here: Linearisation, noise: Noise, belief: Belief, prior: Belief, loss: Loss) -> Matrix:
+def _covariance(linearisation: Linearisation, noise: Noise, belief: Belief, prior: Belief, loss: Loss) -> Matrix:
     """Covariance of an M-estimate, (p, p): it uses the share kappa = E[psi']^2 / E[psi^2] of what the data tell of x.
 
     The expectations are means over all numbers, E[psi^2] = E[w^2 d2] / m with Huber's n / (n - p) for few of them, and
     E[psi'] = E[w + 2 d2 w' / m] (Huber, Robust Statistics, 1981, chapter 7; Maronna, Annals of Statistics 4, 1976).
     """
-    d2, m = np.nan_to_num(squared_distances(here, noise)), degrees(here)
+    d2, m = np.nan_to_num(mahalanobis_squared(linearisation, noise)), degrees(linearisation)
     weights = np.where(m > 0, _weights(d2, m, loss), 0.0)
     slope = weights**2 * d2 / (_NU + m) if loss == "student" else np.where(weights < 1, weights / 2, 0.0)
-    squared = np.sum(weights**2 * d2) / max(here.count, 1) * _room(here, belief, prior) ** 2
-    of_bulk = (np.sum(m * weights - 2 * slope) / max(here.count, 1)) ** 2
+    squared = np.sum(weights**2 * d2) / max(linearisation.count, 1) * _room(linearisation, belief, prior) ** 2
+    of_bulk = (np.sum(m * weights - 2 * slope) / max(linearisation.count, 1)) ** 2
     kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
-    H = noise.weights(here).jacobian(here)
+    H = noise.weights(linearisation).jacobian(linearisation)
     rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
     return update(prior, np.zeros(len(rows)), np.sqrt(kappa) * rows, np.eye(len(rows)))[0].P
 
@@ -210,13 +218,16 @@ def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
     return np.asarray(np.minimum(1.0, _HUBER * np.sqrt(freedom / 2 / np.maximum(safe, 1e-12))))
 
 
-def _weighted(here: Linearisation, weights: Matrix) -> Linearisation:
+def _weighted(linearisation: Linearisation, weights: Matrix) -> Linearisation:
     """The same set with every observation's rows scaled by the root of its weight."""
-    root = np.ones_like(here.residual)
-    for column, block in enumerate(here.blocks):
+    root = np.ones_like(linearisation.residual)
+    for column, block in enumerate(linearisation.blocks):
         root[:, block.columns] = np.sqrt(weights[:, column, None])
     return replace(
-        here, residual=here.residual * root, jacobian=here.jacobian * root[..., None], joint_jacobian=here.joint_jacobian * root[..., None]
+        linearisation,
+        residual=linearisation.residual * root,
+        jacobian=linearisation.jacobian * root[..., None],
+        joint_jacobian=linearisation.joint_jacobian * root[..., None],
     )
 
 
@@ -240,12 +251,12 @@ def gate(
     Returns:
         The fit without outliers, and which spots it kept, (n, blocks); None if all.
     """
-    if first.converged and inside(observed, prior, first).all():
+    if first.converged and inliers(observed, prior, first).all():
         return first, None
-    estimate = reweighted(observed, prior, noise, start=begin)
+    estimate = iteratively_reweighted(observed, prior, noise, start=begin)
     kept = np.empty(0, dtype=bool)
     for _ in range(_GATE_ROUNDS):
-        last, kept = kept, inside(observed, prior, estimate)
+        last, kept = kept, inliers(observed, prior, estimate)
         if observed.too_few(kept):
             return first, None
         if np.array_equal(kept, last):
@@ -260,42 +271,42 @@ def gate(
     return estimate, None if kept.all() else kept
 
 
-def inside(observed: Observations, prior: Belief, found: Estimate) -> Mask:
+def inliers(observed: Observations, prior: Belief, found: Estimate) -> Mask:
     """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, blocks)."""
-    here, met = observed.reached(found.belief.x)
+    linearisation, met = observed.reached(found.belief.x)
     if observed.too_few(met):
         return met
-    d2 = squared_distances(here, found.noise)
-    scales = observation_scales(here, d2)  # an estimate may hold the outliers
-    known = _stating(here) | found.noise.stated[_kinds(here)]
-    if here.count - _used(found.belief, prior) < LEAST_FREEDOM:
+    d2 = mahalanobis_squared(linearisation, found.noise)
+    scales = observation_scales(linearisation, d2)  # an estimate may hold the outliers
+    known = _stating(linearisation) | found.noise.stated[_kinds(linearisation)]
+    if linearisation.count - _used(found.belief, prior) < LEAST_FREEDOM:
         known = np.ones_like(known)
-    least = np.where(known, 1.0, (found.noise.times(0.0).sigma / found.noise.sigma)[_kinds(here)])  # no sensor sees less
-    scales = np.maximum(np.where(known, scales, scales * _room(here, found.belief, prior)), least)
-    return np.asarray(met & ~(d2 > _limits(here) * scales**2))
+    least = np.where(known, 1.0, (found.noise.times(0.0).sigma / found.noise.sigma)[_kinds(linearisation)])  # no sensor sees less
+    scales = np.maximum(np.where(known, scales, scales * _room(linearisation, found.belief, prior)), least)
+    return np.asarray(met & ~(d2 > _limits(linearisation) * scales**2))
 
 
-def beyond_belief(observed: Observations, found: Estimate) -> Mask:
+def gross_outliers(observed: Observations, found: Estimate) -> Mask:
     """Which spots of poses that were not fitted are gross outliers, no matter of a calibration that is not good enough, (n, blocks).
 
     Their beam does not meet the screen, or their distance in units of what noise and the parameters' uncertainty explain is far
     beyond chance even at the scale of the bulk of these poses: a calibration that fails on all of them has no outliers.
     """
-    here, met = observed.reached(found.belief.x)
+    linearisation, met = observed.reached(found.belief.x)
     if observed.too_few(met):
         return np.zeros_like(met)
-    d2 = squared_distances(here, found.noise, found.belief.P)
-    scales = _MARGIN * np.maximum(observation_scales(here, d2), 1.0)
-    out = np.asarray(~met | (d2 > _limits(here) * scales**2))
+    d2 = mahalanobis_squared(linearisation, found.noise, found.belief.P)
+    scales = _MARGIN * np.maximum(observation_scales(linearisation, d2), 1.0)
+    out = np.asarray(~met | (d2 > _limits(linearisation) * scales**2))
     return np.zeros_like(out) if observed.too_few(~out) else out
 
 
-def _limits(here: Linearisation) -> Matrix:
+def _limits(linearisation: Linearisation) -> Matrix:
     """The squared distance that chance gives no observation of a clean set of this size, (n, blocks).
 
     Chi-squared of two degrees is exponential; to others the same probability is carried over by Wilson and Hilferty's cube root.
     """
-    freedom = degrees(here)
+    freedom = degrees(linearisation)
     pairs = -2 * np.log(_CHANCE / max(int(np.count_nonzero(freedom)), 1))
     z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
     m = np.maximum(freedom, 1)

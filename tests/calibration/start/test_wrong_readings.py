@@ -13,7 +13,7 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.ekf import Belief
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.robust import Observations, beyond_belief
+from urdfcal.estimation.robust import Observations, gross_outliers
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
@@ -102,7 +102,7 @@ def held_out(robot: Robot, rng: np.random.Generator, gross: float, worse: float)
     angle = rng.uniform(0, 2 * np.pi, hit.shape)
     off = worse * rng.normal(size=unseen.spots.shape) + hit[..., None] * gross * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     model = Problem(errors, unseen.with_spots(unseen.spots + off))
-    return hit, beyond_belief(Observations.of(model.linearise, found.belief.x), found)
+    return hit, gross_outliers(Observations.of(model.linearise, found.belief.x), found)
 
 
 @pytest.mark.parametrize("name", ["arm7", "panda", "ur5"])
@@ -127,8 +127,8 @@ def test_an_unseen_pose_whose_beams_miss_is_an_outlier(robots: dict[str, Robot],
     q[POSE, 5] += np.pi / 2
     spots = Observations.of(Problem(errors, replace(data, q=q)).linearise, found.belief.x)
     assert spots.linearise(found.belief.x).lost[POSE].any()
-    assert np.flatnonzero(beyond_belief(spots, found).any(axis=1)).tolist() == [POSE]
+    assert np.flatnonzero(gross_outliers(spots, found).any(axis=1)).tolist() == [POSE]
     left, outliers = without_gross_outliers(Problem(errors, replace(data, q=q)), found)
     assert {outlier.pose for outlier in outliers} == {f"pose {POSE + 1}"}
-    np.testing.assert_array_equal(left.data.seen, ~beyond_belief(spots, found))
+    np.testing.assert_array_equal(left.data.seen, ~gross_outliers(spots, found))
     assert without_gross_outliers(Problem(errors, data), found)[1] == ()

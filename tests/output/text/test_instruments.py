@@ -16,7 +16,7 @@ from urdfcal.api import Calibration, fit
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.check import check
 from urdfcal.calibration.problem import Problem
-from urdfcal.estimation.robust import squared_distances
+from urdfcal.estimation.robust import mahalanobis_squared
 from urdfcal.output.report.content import Report, report_of
 from urdfcal.output.report.html import page
 from urdfcal.output.report.markdown import markdown
@@ -68,7 +68,7 @@ def test_residuals_are_those_of_the_tables(case: Calibration) -> None:
 def test_squared_lengths_are_the_gate_s(case: Calibration) -> None:
     """Squared lengths of fitted residuals are the squared distances that outliers are told by."""
     model = Problem(case.errors, case.data)
-    d2 = squared_distances(model.linearise(case.x), case.estimate.noise)[: len(case.data)]
+    d2 = mahalanobis_squared(model.linearise(case.x), case.estimate.noise)[: len(case.data)]
     columns = {block.name: d2[:, index] for index, block in enumerate(model.blocks)}
     for each in (each for each in residuals_of(case) if each.label == "fit"):
         assert each.lengths**2 == pytest.approx(columns[each.name][each.rows], rel=1e-9, abs=1e-12)

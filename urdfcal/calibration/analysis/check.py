@@ -202,16 +202,16 @@ def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data:
     for name, value in _MOVED_SCREEN.items():
         x[[own == f"{robot.rig.screen}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
     again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
-    here = problem_of(moved, again, noise).linearise(x)
-    extra = noise.weights(here).jacobian(_without_lost(here))
+    linearisation = problem_of(moved, again, noise).linearise(x)
+    extra = noise.weights(linearisation).jacobian(_without_lost(linearisation))
     wide = np.hstack([H, np.zeros((len(H), len(further)))])
     return posterior_of(moved, np.vstack([wide, extra]))
 
 
-def _without_lost(here: Linearisation) -> Linearisation:
+def _without_lost(linearisation: Linearisation) -> Linearisation:
     """Beams that no longer meet a moved screen do not count."""
-    bad = ~np.isfinite(here.jacobian).all(axis=2) | (np.abs(here.jacobian).max(axis=2) > 1e2)
-    return replace(here, jacobian=np.where(bad[..., None], 0.0, here.jacobian))
+    bad = ~np.isfinite(linearisation.jacobian).all(axis=2) | (np.abs(linearisation.jacobian).max(axis=2) > 1e2)
+    return replace(linearisation, jacobian=np.where(bad[..., None], 0.0, linearisation.jacobian))
 
 
 def _missing_yaw(robot: Robot, errors: ErrorModel) -> Iterator[Suggestion]:

@@ -169,19 +169,19 @@ class OnlineCalibrator:
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
         """
         pose = _one_pose(self.robot, q, spots, sigma, self._history.taken + 1)
-        here = problem_of(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
+        linearisation = problem_of(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
         self._history.taken += 1
-        if not here.usable:
+        if not linearisation.usable:
             return self._refuse(pose)
-        belief, nis = _updated(self.state.belief, here, self.state.noise)
-        gate = chi_squared_gate(here.count)
+        belief, nis = _updated(self.state.belief, linearisation, self.state.noise)
+        gate = chi_squared_gate(linearisation.count)
         if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
             return self._skip(
                 f"pose {pose.poses[0]}: its spots are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate
             )
         self._history.add(pose)
         self._skipped = 0
-        fresh = self._settled(belief, self.state.noise) if here.count and self._stale(belief) else None
+        fresh = self._settled(belief, self.state.noise) if linearisation.count and self._stale(belief) else None
         self.state = self._state(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
         return self.state
 
@@ -323,13 +323,13 @@ def _misfit_of(model: Problem, found: Estimate) -> Misfit:
     return misfits(model.linearise(found.belief.x), found.noise, found.belief.P)[0]
 
 
-def _updated(belief: Belief, here: Linearisation, noise: Noise) -> tuple[Belief, float]:
+def _updated(belief: Belief, linearisation: Linearisation, noise: Noise) -> tuple[Belief, float]:
     """The belief after one pose, and its normalised innovation squared."""
-    if not here.count:
+    if not linearisation.count:
         return belief, 0.0
-    weights = noise.weights(here)
-    rows = here.measured.ravel()
-    innovation, H = weights.residual(here)[rows], weights.jacobian(here)[rows]
+    weights = noise.weights(linearisation)
+    rows = linearisation.measured.ravel()
+    innovation, H = weights.residual(linearisation)[rows], weights.jacobian(linearisation)[rows]
     return update(belief, innovation, H, np.eye(len(innovation)))
 
 

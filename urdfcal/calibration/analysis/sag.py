@@ -284,17 +284,19 @@ def _unit(vector: Vector) -> tuple[float, float, float]:
     return x, y, z
 
 
-def log_evidence(here: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
+def log_evidence(linearisation: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
     """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
     noise, sigma = estimate.noise, errors.sigma
     if noise.of_joints:
-        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(here))[1]))
+        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(linearisation))[1]))
     else:
-        spread = float(np.sum(np.log(noise.of_numbers(here)[here.measured] ** 2)))
+        spread = float(np.sum(np.log(noise.of_numbers(linearisation)[linearisation.measured] ** 2)))
     pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
-    J = noise.weights(here).jacobian(here) * sigma  # not the estimate's covariance: that also knows of unsure prior scales
+    J = (
+        noise.weights(linearisation).jacobian(linearisation) * sigma
+    )  # not the estimate's covariance: that also knows of unsure prior scales
     volume = float(np.linalg.slogdet(J.T @ J + np.eye(len(sigma)))[1])
-    return -0.5 * (noise.chi_squared(here) + pull + spread + volume)
+    return -0.5 * (noise.chi_squared(linearisation) + pull + spread + volume)
 
 
 def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:
@@ -310,7 +312,7 @@ def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, uni
     kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
     noise = replace(fitted.estimate.noise, stated=True)
     found = _run(problem_of(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
-    here = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
-    own = [row for row in error_table(here, len(rows)).values() if row.unit == unit]
-    weighed = (here.residual / usual.of_numbers(here))[: len(rows)][here.measured[: len(rows)]]
+    linearisation = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
+    own = [row for row in error_table(linearisation, len(rows)).values() if row.unit == unit]
+    weighed = (linearisation.residual / usual.of_numbers(linearisation))[: len(rows)][linearisation.measured[: len(rows)]]
     return sum(row.n * (row.mean**2 + row.std**2) for row in own), sum(row.n for row in own), float(weighed @ weighed)

@@ -47,8 +47,8 @@ class Suggestion:
 
 def whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) -> Matrix:
     """Jacobian of everything that was measured, in units of its noise, (m, p)."""
-    here = problem_of(errors, data, noise).linearise(x)
-    return noise.weights(here).jacobian(here)
+    linearisation = problem_of(errors, data, noise).linearise(x)
+    return noise.weights(linearisation).jacobian(linearisation)
 
 
 def posterior_of(errors: ErrorModel, H: Matrix) -> Matrix:
@@ -113,7 +113,7 @@ def reading_suggestions(trial: Trial, rng: np.random.Generator) -> Iterator[Sugg
     H = trial.rows(trial.data)
     same = posterior_of(trial.errors, np.vstack([H, H]))
     known, before = set(determined_names(trial.errors, same)), open_share(trial.errors, same)
-    if all(each.kind.anywhere for each in trial.data.readings):
+    if all(reading.kind.anywhere for reading in trial.data.readings):
         for words, further in _more_range(trial, rng):
             yield from if_worth(trial.errors, words, before, posterior_of(trial.errors, np.vstack([H, trial.rows(further)])), known)
     for words, P in _orientations(trial):
@@ -134,7 +134,7 @@ def _more_range(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, M
             f"more range of {joint.name}: it moves from {has}, its limits are {lower[index] / size:.0f} to {upper[index] / size:.0f} {unit}"
         )
         moved = replace(trial.data, q=q, lengths=())
-        yield words, replace(moved, readings=tuple(_as_predicted(trial, moved, each) for each in trial.data.readings))
+        yield words, replace(moved, readings=tuple(_as_predicted(trial, moved, reading) for reading in trial.data.readings))
 
 
 def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
@@ -144,14 +144,14 @@ def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
 
 def _orientations(trial: Trial) -> Iterator[tuple[str, Matrix]]:
     """The same poses with the orientation of a target read, too, where only its place was."""
-    turned = {each.target for each in trial.data.readings if each.sensor == "orientation"}
-    for own in trial.data.readings:
-        if own.sensor != "point" or own.target in turned:
+    turned = {reading.target for reading in trial.data.readings if reading.sensor == "orientation"}
+    for reading in trial.data.readings:
+        if reading.sensor != "point" or reading.target in turned:
             continue
-        values = np.where(own.seen[:, None], predicted_axes(trial, trial.data, own.target), np.nan)
+        values = np.where(reading.seen[:, None], predicted_axes(trial, trial.data, reading.target), np.nan)
         nothing = np.full(len(values), np.nan)
-        axes = Readings("orientation", own.target, own.link, values, np.full(len(values), ""), nothing)
-        words = f"the orientation of {own.target} too, or further points on {own.link} that are not in line with it"
+        axes = Readings("orientation", reading.target, reading.link, values, np.full(len(values), ""), nothing)
+        words = f"the orientation of {reading.target} too, or further points on {reading.link} that are not in line with it"
         yield words, _posterior_with(trial, replace(trial.data, readings=(*trial.data.readings, axes)))
 
 

@@ -93,10 +93,10 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
         errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
-        here = Problem(errors, out).linearise(x)
+        linearisation = Problem(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
-        after.take(here, held)
-        rms.append(rms_of(error_table(here, len(out))))
+        after.take(linearisation, held)
+        rms.append(rms_of(error_table(linearisation, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
     return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots)
 
@@ -108,12 +108,12 @@ class _Gathered:
         self.poses = poses
         self.whole: Linearisation | None = None
 
-    def take(self, here: Linearisation, rows: Rows) -> None:
+    def take(self, linearisation: Linearisation, rows: Rows) -> None:
         """Put the residuals of some poses in their places."""
         if self.whole is None:
-            blank = np.zeros((self.poses, here.residual.shape[1]))
-            self.whole = replace(here, residual=blank, measured=blank > 0)
-        self.whole.residual[rows], self.whole.measured[rows] = here.residual[: len(rows)], here.measured[: len(rows)]
+            blank = np.zeros((self.poses, linearisation.residual.shape[1]))
+            self.whole = replace(linearisation, residual=blank, measured=blank > 0)
+        self.whole.residual[rows], self.whole.measured[rows] = linearisation.residual[: len(rows)], linearisation.measured[: len(rows)]
 
     def table(self) -> SpotTable:
         """Distances over all poses."""
@@ -170,15 +170,17 @@ class _Comparison:
 
 def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
-    here = problem_of(errors, calibration.data, noise).linearise(calibration.x)
+    linearisation = problem_of(errors, calibration.data, noise).linearise(calibration.x)
     there = problem_of(errors, test, noise).linearise(calibration.x)
     prior = Belief.independent(errors.mean, errors.sigma)
-    P = posterior(here, prior, noise)  # every measurement counted once, whatever the estimator's own
+    P = posterior(linearisation, prior, noise)  # every measurement counted once, whatever the estimator's own
     if not noise.all_stated:
-        noise = noise.estimated(here, degrees_of_freedom(here, noise.weights(here).jacobian(here), Belief(calibration.x, P)))
-        P = posterior(here, prior, noise)
+        noise = noise.estimated(
+            linearisation, degrees_of_freedom(linearisation, noise.weights(linearisation).jacobian(linearisation), Belief(calibration.x, P))
+        )
+        P = posterior(linearisation, prior, noise)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
-    left_out = _mean_squares(_left_out_residuals(here, noise, P), here, least, len(calibration.data))
+    left_out = _mean_squares(_left_out_residuals(linearisation, noise, P), linearisation, least, len(calibration.data))
     tested = _mean_squares(_residuals(there, noise), there, least, len(test))
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
@@ -187,30 +189,30 @@ def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / size)
 
 
-def _residuals(here: Linearisation, noise: Noise) -> Matrix:
-    return noise.weights(here).residual(here).reshape(here.residual.shape)
+def _residuals(linearisation: Linearisation, noise: Noise) -> Matrix:
+    return noise.weights(linearisation).residual(linearisation).reshape(linearisation.residual.shape)
 
 
-def _left_out_residuals(here: Linearisation, noise: Noise, P: Matrix) -> Matrix:
+def _left_out_residuals(linearisation: Linearisation, noise: Noise, P: Matrix) -> Matrix:
     """Whitened residual of each pose as if it had been left out of the fit, (n, m)."""
-    J: Array3 = np.reshape(noise.weights(here).jacobian(here), here.jacobian.shape)
+    J: Array3 = np.reshape(noise.weights(linearisation).jacobian(linearisation), linearisation.jacobian.shape)
     kept = np.eye(J.shape[1]) * (1 + 1e-9) - (J @ P) @ J.transpose(0, 2, 1)
-    return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(kept), _residuals(here, noise)))
+    return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(kept), _residuals(linearisation, noise)))
 
 
-def _mean_squares(residuals: Matrix, here: Linearisation, least: float, poses: int) -> Vector:
+def _mean_squares(residuals: Matrix, linearisation: Linearisation, least: float, poses: int) -> Vector:
     """Mean of the squared residuals of each pose that saw something, (k,); rows of what is known beforehand are no poses."""
-    count = here.measured[:poses].sum(axis=1)
+    count = linearisation.measured[:poses].sum(axis=1)
     squares: Vector = np.sum(residuals[:poses][count > 0] ** 2, axis=1) / count[count > 0]
     return np.maximum(squares, least)
 
 
-def _predicted_variance(here: Linearisation, noise: Noise, P: Matrix) -> Vector:
+def _predicted_variance(linearisation: Linearisation, noise: Noise, P: Matrix) -> Vector:
     """Diagonal of J P J' + R for every measured number of the first kind, [m^2]."""
-    variance = noise.of_numbers(here) ** 2 + np.sum((here.jacobian @ P) * here.jacobian, axis=-1)
-    if here.joint_jacobian.shape[-1]:
-        variance = variance + np.sum((here.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
-    return np.asarray(variance[here.measured & (here.kinds == 0)])
+    variance = noise.of_numbers(linearisation) ** 2 + np.sum((linearisation.jacobian @ P) * linearisation.jacobian, axis=-1)
+    if linearisation.joint_jacobian.shape[-1]:
+        variance = variance + np.sum((linearisation.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
+    return np.asarray(variance[linearisation.measured & (linearisation.kinds == 0)])
 
 
 def _much_worse(tested: Vector, fitted: Vector) -> bool:

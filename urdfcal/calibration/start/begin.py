@@ -27,7 +27,7 @@ from urdfcal.sensors.registry import start_sigma_of
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
 
 
-def explains(model: Problem, found: Estimate, noise: Noise) -> bool:
+def is_credible(model: Problem, found: Estimate, noise: Noise) -> bool:
     """Whether a fit from the prior put most spots where they were seen and believes nothing that the prior does not.
 
     Else the start or the data need a second look: a robot shrunk to nothing explains spots in the wrong unit, and a module that is
@@ -35,19 +35,22 @@ def explains(model: Problem, found: Estimate, noise: Noise) -> bool:
     """
     if np.any(np.abs(found.belief.x - model.errors.mean) > INCREDIBLE * model.errors.sigma):
         return False
-    here = model.linearise(found.belief.x)
+    linearisation = model.linearise(found.belief.x)
     beams = [index for index, channel in enumerate(model.channels) if channel.sensor.name == "spot"]
-    distances = [np.linalg.norm(here.residual[:, here.blocks[index].columns], axis=1)[here.made[:, index]] for index in beams]
+    distances = [
+        np.linalg.norm(linearisation.residual[:, linearisation.blocks[index].columns], axis=1)[linearisation.made[:, index]]
+        for index in beams
+    ]
     near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
     return found.converged and bool(np.median(np.concatenate(distances)) < near)
 
 
-def aimed(data: Measurements) -> bool:
+def has_spots_in_metres(data: Measurements) -> bool:
     """Whether beams were seen on the screen in metres, so that they can be turned towards their spots."""
-    return any(each.sensor == "spot" and each.seen.any() for each in data.readings)
+    return any(reading.sensor == "spot" and reading.seen.any() for reading in data.readings)
 
 
-def begin(model: Problem, noise: Noise, sane: bool) -> Start:
+def searched_start(model: Problem, noise: Noise, sane: bool) -> Start:
     """Where to begin when the prior is too far off: where the rig is found to be; data with a common mistake in them are refused.
 
     Raises:
@@ -71,7 +74,7 @@ def require_sane_readings(errors: ErrorModel, model: Problem, found: Estimate, n
     Raises:
         FitRejected: names the mistake.
     """
-    if any(not each.kind.beam for each in model.data.readings) and not readings_explained(model, found, noise):
+    if any(not reading.kind.beam for reading in model.data.readings) and not readings_explained(model, found, noise):
         _refuse(best_reading_hypothesis(errors, model.data, noise))
 
 
@@ -105,7 +108,7 @@ def with_scale(errors: ErrorModel, data: Measurements) -> tuple[ErrorModel, str]
     Returns:
         The error model, and what was held, in words; the empty string if the measurements have a scale.
     """
-    if data.lengths or not data.readings or not all(each.kind.touches for each in data.readings):
+    if data.lengths or not data.readings or not all(reading.kind.touches for reading in data.readings):
         return errors, ""
     first = errors.chain.moving[0].joint.name
     lengths = {name: length for name, length in _lengths(errors) if name in errors.names and not name.startswith(f"{first}.")}
@@ -138,6 +141,6 @@ def start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: 
     alone = Noise(start_sigma_of("spot"), noise.joint_sigma, False)
     model = problem_of(rest, spots, noise)
     found = Method().run(model.linearise, Belief.independent(rest.mean, rest.sigma), alone)
-    x = found.belief.x if explains(model, found, alone) else begin(model, alone, sane).x
+    x = found.belief.x if is_credible(model, found, alone) else searched_start(model, alone, sane).x
     known = dict(zip(rest.names, x, strict=True))
     return np.array([known.get(parameter.name, parameter.mean) for parameter in errors.parameters])

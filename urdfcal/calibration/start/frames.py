@@ -125,8 +125,8 @@ def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
 
 def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     by_target: dict[str, dict[str, Readings]] = {}
-    for each in (each for each in data.readings if not each.kind.beam):
-        by_target.setdefault(each.target, {})[each.sensor] = each
+    for reading in (reading for reading in data.readings if not reading.kind.beam):
+        by_target.setdefault(reading.target, {})[reading.sensor] = reading
     yield from _boards(errors, data)
     for target, kinds in by_target.items():
         points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
@@ -151,9 +151,9 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     import cv2
 
     for board, grid in data.boards.items():
-        corners = [each for each in data.readings if each.link == board and each.sensor == "pixel"]
-        seen = np.array([each.seen for each in corners]).reshape(len(corners), len(data))
-        grid_points = np.array([grid.at(int(each.target.partition(":")[2])) for each in corners])
+        corners = [reading for reading in data.readings if reading.link == board and reading.sensor == "pixel"]
+        seen = np.array([corner.seen for corner in corners]).reshape(len(corners), len(data))
+        grid_points = np.array([grid.at(int(corner.target.partition(":")[2])) for corner in corners])
         for session in errors.sessions:
             own = _of_session(errors, data.sessions, session)
             rows, placements = [], []
@@ -230,32 +230,32 @@ def _frame(view: _Seen, X: SE3) -> SE3:
 
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
-    for each in (each for each in data.readings if each.sensor == "pixel" and each.link not in data.boards):
+    for reading in (reading for reading in data.readings if reading.sensor == "pixel" and reading.link not in data.boards):
         for session in errors.sessions:
-            rows = np.flatnonzero(each.seen & (_of_session(errors, data.sessions, session)))
+            rows = np.flatnonzero(reading.seen & (_of_session(errors, data.sessions, session)))
             if session in known.frames or len(rows) < _LEAST_PIXELS:
                 continue
-            R, b = _nominal(errors, data.q[rows], each.target, session)
-            offset = known.offsets.get(each.target, pin.SE3.Identity()).translation
-            known.frames[session] = camera_before(b + R @ offset, data.camera.rays(each.values[rows]))
+            R, b = _nominal(errors, data.q[rows], reading.target, session)
+            offset = known.offsets.get(reading.target, pin.SE3.Identity()).translation
+            known.frames[session] = camera_before(b + R @ offset, data.camera.rays(reading.values[rows]))
 
 
 def _place_by_sensor(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Offsets of targets, or how they are turned, where only one sensor tells it by itself."""
-    turned = {each.target for each in data.readings if each.sensor == "orientation"}
-    for each in (each for each in data.readings if each.seen.any()):
-        if each.target in known.offsets and (each.kind.offset != SIX[3:] or each.target in turned):
+    turned = {reading.target for reading in data.readings if reading.sensor == "orientation"}
+    for reading in (reading for reading in data.readings if reading.seen.any()):
+        if reading.target in known.offsets and (reading.kind.offset != SIX[3:] or reading.target in turned):
             continue
-        rows = np.flatnonzero(each.seen)
-        if each.kind.touches:
+        rows = np.flatnonzero(reading.seen)
+        if reading.kind.touches:
             _require_a_return(data)
-        if each.kind.beam or each.link in data.boards:
+        if reading.kind.beam or reading.link in data.boards:
             continue
-        R, b = _per_session(errors, data, each.target, rows)
-        found = each.kind.find_offset(R, b, each.values[rows], each.labels[rows])
+        R, b = _per_session(errors, data, reading.target, rows)
+        found = reading.kind.find_offset(R, b, reading.values[rows], reading.labels[rows])
         if found is not None:
-            before = known.offsets.get(each.target)
-            known.offsets[each.target] = found if before is None else pin.SE3(found.rotation, before.translation)
+            before = known.offsets.get(reading.target)
+            known.offsets[reading.target] = found if before is None else pin.SE3(found.rotation, before.translation)
 
 
 def _require_a_return(data: Measurements) -> None:
@@ -264,9 +264,9 @@ def _require_a_return(data: Measurements) -> None:
     Raises:
         UsageError: naming the first pose and its socket.
     """
-    if any(each.sensor != "socket" for each in data.readings):
+    if any(reading.sensor != "socket" for reading in data.readings):
         return
-    touches = [(pose, str(each.labels[pose])) for each in data.readings for pose in np.flatnonzero(each.seen)]
+    touches = [(pose, str(reading.labels[pose])) for reading in data.readings for pose in np.flatnonzero(reading.seen)]
     if touches and len({label for _, label in touches}) == len(touches):
         pose, label = touches[0]
         raise UsageError(
@@ -288,17 +288,17 @@ def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
     """Prior means of places that poses share, and the axes that they are in, from where the placed targets have them."""
     means: dict[str, float] = {}
     axes: dict[str, Matrix] = {}
-    for each in (each for each in data.readings if each.places):
-        known = [label for label, place in zip(each.touched, each.places, strict=False) if place.name in errors.planes]
-        rows = np.flatnonzero(each.seen & ~np.isin(each.labels, known))  # what is held refers to axes that are known already
-        if not len(rows) or (not each.kind.touches and each.places[0].name in errors.planes):
+    for reading in (reading for reading in data.readings if reading.places):
+        known = [label for label, place in zip(reading.touched, reading.places, strict=False) if place.name in errors.planes]
+        rows = np.flatnonzero(reading.seen & ~np.isin(reading.labels, known))  # what is held refers to axes that are known already
+        if not len(rows) or (not reading.kind.touches and reading.places[0].name in errors.planes):
             continue
-        R, p = _per_session(errors, data, each.target, rows)
+        R, p = _per_session(errors, data, reading.target, rows)
         try:
-            found = each.kind.find_places(each.target, p, R, each.values[rows], each.labels[rows])
+            found = reading.kind.find_places(reading.target, p, R, reading.values[rows], reading.labels[rows])
         except PlaceFault as fault:
             raise UsageError(f"{data.where(int(rows[fault.row]))}: {fault.message}") from None
-        names = {place.name: place.names for place in each.places}
+        names = {place.name: place.names for place in reading.places}
         for name, place in found.items():
             means |= {f"{name}.{own}": float(value) for own, value in zip(names[name], place.numbers, strict=True)}
         axes |= {name: place.axes for name, place in found.items() if place.axes is not None}

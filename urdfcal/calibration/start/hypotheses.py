@@ -38,7 +38,7 @@ from urdfcal.calibration.start.rig_search import (
 )
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
-from urdfcal.estimation.robust import Observations, kind_scales, reweighted, squared_distances
+from urdfcal.estimation.robust import Observations, iteratively_reweighted, kind_scales, mahalanobis_squared
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements, start_sigma
 
@@ -251,7 +251,7 @@ class _Trial:
             return Judged(self.undone, np.inf, lambda _: np.inf, False)
         errors = self.model.errors
         prior = Belief.independent(errors.mean, errors.sigma)
-        x = reweighted(Observations.of(self.model.linearise, self.x), prior, self.noise, start=self.x).belief.x
+        x = iteratively_reweighted(Observations.of(self.model.linearise, self.x), prior, self.noise, start=self.x).belief.x
         of_joints = _of_joints(errors)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
@@ -283,15 +283,15 @@ def _of_joints(errors: ErrorModel) -> Mask:
 
 def _left_over(model: Problem, x: Vector, noise: Noise) -> float:
     """Robust scale of what is left over at x, in units of the stated or the usual noise, whichever is larger; the worst of the kinds."""
-    here = model.linearise(x)
-    if not np.isfinite(here.residual).all():
+    linearisation = model.linearise(x)
+    if not np.isfinite(linearisation.residual).all():
         return np.inf
     usual = Noise(np.maximum(noise.sigma, start_sigma(model.data)), noise.joint_sigma)
-    return float(kind_scales(here, squared_distances(here, usual)).max())
+    return float(kind_scales(linearisation, mahalanobis_squared(linearisation, usual)).max())
 
 
 def _some_poses(data: Measurements) -> Measurements:
     """Enough poses to judge by; all of them where touches must not lose each other."""
-    if len(data) <= _POSES or any(each.places for each in data.readings):
+    if len(data) <= _POSES or any(reading.places for reading in data.readings):
         return data
     return data.subset(np.linspace(0, len(data) - 1, _POSES).astype(int))

@@ -59,11 +59,11 @@ def mistakes_of_joints(data: Measurements, joints: Sequence[UrdfJoint]) -> Itera
 
 def mistakes_of_readings(data: Measurements, beams: bool) -> Iterator[Mistake]:
     """Mistakes in how spots were read off the screen, if beams are meant, or in what any other instruments read."""
-    meant = [each for each in data.readings if each.kind.beam == beams]
-    for name in dict.fromkeys(each.sensor for each in meant):
+    meant = [reading for reading in data.readings if reading.kind.beam == beams]
+    for name in dict.fromkeys(reading.sensor for reading in meant):
         for words, change in SENSORS[name].with_camera(data.camera).mistakes().items():
             yield Mistake(words, partial(_values_through, name, change))
-    if any(_has_axes(each, data) for each in meant if each.sensor == "point"):
+    if any(_has_axes(reading, data) for reading in meant if reading.sensor == "point"):
         yield Mistake("the poses inverted (the measuring frame as seen from the target)", _poses_inverted)
     yield from _of_targets(data, meant)
 
@@ -89,8 +89,8 @@ def _of_unit(name: str, small: str, large: str, factor: float, columns: Columns,
 
 def _of_targets(data: Measurements, meant: Sequence[Readings]) -> Iterator[Mistake]:
     """Targets, or beams, on different links that were read for each other."""
-    links = {each.target: each.link for each in meant if each.link not in data.boards}
-    sensors = {target: {each.sensor for each in meant if each.target == target} for target in links}
+    links = {reading.target: reading.link for reading in meant if reading.link not in data.boards}
+    sensors = {target: {reading.sensor for reading in meant if reading.target == target} for target in links}
     for one, other in combinations(links, 2):
         if links[one] != links[other] and sensors[one] == sensors[other]:
             yield Mistake(f"{one} and {other} swapped", partial(_targets_swapped, one, other))
@@ -120,16 +120,19 @@ def _values_through(sensor: str, change: Change, data: Measurements) -> Measurem
     """All readings of a sensor changed."""
     return replace(
         data,
-        readings=tuple(replace(each, values=np.asarray(change(each.values))) if each.sensor == sensor else each for each in data.readings),
+        readings=tuple(
+            replace(reading, values=np.asarray(change(reading.values))) if reading.sensor == sensor else reading
+            for reading in data.readings
+        ),
     )
 
 
 def _has_axes(point: Readings, data: Measurements) -> bool:
-    return any(each.sensor == "orientation" and each.target == point.target for each in data.readings)
+    return any(reading.sensor == "orientation" and reading.target == point.target for reading in data.readings)
 
 
 def _poses_inverted(data: Measurements) -> Measurements:
-    axes = {each.target: each for each in data.readings if each.sensor == "orientation"}
+    axes = {reading.target: reading for reading in data.readings if reading.sensor == "orientation"}
 
     def inverted(each: Readings) -> Readings:
         if each.sensor == "orientation":
@@ -138,15 +141,15 @@ def _poses_inverted(data: Measurements) -> Measurements:
             return each
         return replace(each, values=-np.einsum("nij,ni->nj", matrices(axes[each.target].values), each.values))
 
-    return replace(data, readings=tuple(inverted(each) for each in data.readings))
+    return replace(data, readings=tuple(inverted(reading) for reading in data.readings))
 
 
 def _targets_swapped(one: str, other: str, data: Measurements) -> Measurements:
-    own = {(each.sensor, each.target): each for each in data.readings}
+    own = {(reading.sensor, reading.target): reading for reading in data.readings}
     partner = {one: other, other: one}
 
     def swapped(each: Readings) -> Readings:
         read = own[each.sensor, partner.get(each.target, each.target)]
         return replace(each, values=read.values, labels=read.labels, sigma=read.sigma)
 
-    return replace(data, readings=tuple(swapped(each) for each in data.readings))
+    return replace(data, readings=tuple(swapped(reading) for reading in data.readings))

@@ -121,7 +121,7 @@ def _bare(robot: Robot, data: Measurements) -> ErrorModel:
 
 def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
-    data = replace(data, readings=tuple(each for each in data.readings if each.kind.beam), lengths=())
+    data = replace(data, readings=tuple(reading for reading in data.readings if reading.kind.beam), lengths=())
     lost = Problem(_bare(robot, data), data).linearise(np.empty(0)).lost
     if lost is None or not lost.any():
         return ()

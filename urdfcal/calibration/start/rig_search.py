@@ -163,12 +163,12 @@ class _Group:
 def _explained(model: Problem, noise: Noise) -> bool:
     """Whether the nominal residual of each laser, in y and in z, is small against what the priors allow."""
     errors = model.errors
-    here = model.linearise(errors.mean)
-    if not here.usable:
+    linearisation = model.linearise(errors.mean)
+    if not linearisation.usable:
         return False
     usual = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in errors.parameters])
-    variance = np.sum((here.jacobian * np.minimum(errors.sigma, usual)) ** 2, axis=-1) + noise.spot_sigma**2
-    share = np.abs(here.residual) / np.sqrt(variance)
+    variance = np.sum((linearisation.jacobian * np.minimum(errors.sigma, usual)) ** 2, axis=-1) + noise.spot_sigma**2
+    share = np.abs(linearisation.residual) / np.sqrt(variance)
     beams = [channel for channel in model.channels if channel.sensor.name == "spot" and channel.readings.seen.any()]
     return all(np.median(share[: len(model.data), own.block.columns].max(axis=1)[own.readings.seen]) < _EXPLAINED for own in beams)
 
