@@ -64,10 +64,10 @@ class Measurements:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ShapeMismatch(f"measurements: {name} has shape {getattr(self, name).shape}, expected {shape}")
-        for each in self.readings:
-            if len(each.labels) != n:
-                raise ShapeMismatch(f"measurements: {len(each.labels)} {noun(each.noise)} of {each.target} for {n} poses")
-            if each.kind.beam and (np.isnan(each.values[:, 0]) != np.isnan(each.values[:, 1])).any():
+        for reading in self.readings:
+            if len(reading.labels) != n:
+                raise ShapeMismatch(f"measurements: {len(reading.labels)} {noun(reading.noise)} of {reading.target} for {n} poses")
+            if reading.kind.beam and (np.isnan(reading.values[:, 0]) != np.isnan(reading.values[:, 1])).any():
                 raise ShapeMismatch("measurements: a spot is two finite numbers, or two nan where it was not seen")
         if not np.isfinite(self.q).all():
             raise ShapeMismatch("measurements: joint positions must be finite")
@@ -81,7 +81,7 @@ class Measurements:
     @cached_property
     def observed(self) -> Mask:
         """At which poses anything was seen, (n,)."""
-        return np.asarray(np.any([np.zeros(len(self), dtype=bool), *(each.seen for each in self.readings)], axis=0))
+        return np.asarray(np.any([np.zeros(len(self), dtype=bool), *(reading.seen for reading in self.readings)], axis=0))
 
     @property
     def empty(self) -> bool:
@@ -91,23 +91,23 @@ class Measurements:
     @property
     def numbers(self) -> int:
         """How many numbers were measured."""
-        return sum(each.numbers for each in self.readings)
+        return sum(reading.numbers for reading in self.readings)
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
         """The kinds of noise there are, in the order in which the noise has them: spots first, the others as they come."""
-        found = dict.fromkeys(each.noise for each in self.readings)
+        found = dict.fromkeys(reading.noise for reading in self.readings)
         return tuple(sorted(found, key=lambda kind: kind != "spot"))
 
     @property
     def only_spots(self) -> bool:
         """Whether nothing but laser spots on the screen was measured, so that tables and words can speak of spots."""
-        return all(each.sensor == "spot" for each in self.readings)
+        return all(reading.sensor == "spot" for reading in self.readings)
 
     @property
     def summary(self) -> str:
         """What was measured, in words: `120 spots`, `500 points and 500 orientations`."""
-        counts = {kind: sum(int(each.seen.sum()) for each in self.readings if each.noise == kind) for kind in self.kinds}
+        counts = {kind: sum(int(reading.seen.sum()) for reading in self.readings if reading.noise == kind) for kind in self.kinds}
         words = [f"{count} {noun(kind, count)}" for kind, count in counts.items() if count or len(counts) == 1]
         return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
@@ -125,8 +125,8 @@ class Measurements:
         """Some of the poses, by mask or index."""
         index = np.asarray(rows)
         per_pose = {name: getattr(self, name)[index] for name in ("q", "poses", "sets", "sessions")}
-        readings = tuple(each.subset(index) for each in self.readings)
-        left = {place.name for each in readings for place in each.places}
+        readings = tuple(reading.subset(index) for reading in self.readings)
+        left = {place.name for reading in readings for place in reading.places}
         lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
         per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in ("payload", "approach")}
         return replace(
@@ -144,17 +144,19 @@ class Measurements:
     @cached_property
     def lasers(self) -> tuple[str, ...]:
         """The laser links whose spots were read, in metres or in pixels."""
-        return tuple(dict.fromkeys(each.target for each in self.readings if each.kind.beam))
+        return tuple(dict.fromkeys(reading.target for reading in self.readings if reading.kind.beam))
 
     @cached_property
     def spots(self) -> Array3:
         """Their spots (y, z) on the screen, (n, lasers, 2), [m]; nan where a beam was not seen, or was read in pixels."""
-        return self._of_lasers(2, [(each.target, each.values) for each in self.readings if each.sensor == "spot"])
+        return self._of_lasers(2, [(reading.target, reading.values) for reading in self.readings if reading.sensor == "spot"])
 
     @cached_property
     def sigma(self) -> Matrix:
         """The standard deviation stated with each of these spots, (n, lasers), [m]; nan where nothing is stated."""
-        return self._of_lasers(1, [(each.target, each.sigma[:, None]) for each in self.readings if each.sensor == "spot"])[..., 0]
+        return self._of_lasers(1, [(reading.target, reading.sigma[:, None]) for reading in self.readings if reading.sensor == "spot"])[
+            ..., 0
+        ]
 
     @cached_property
     def seen(self) -> Mask:
@@ -168,8 +170,8 @@ class Measurements:
         return replace(
             self,
             readings=tuple(
-                replace(each, values=values[each.target], sigma=stated[each.target]) if each.sensor == "spot" else each
-                for each in self.readings
+                replace(reading, values=values[reading.target], sigma=stated[reading.target]) if reading.sensor == "spot" else reading
+                for reading in self.readings
             ),
         )
 
@@ -278,7 +280,7 @@ def require_screen_of_camera(data: Measurements) -> None:
 
 def as_spots(data: Measurements) -> Measurements:
     """Measurements with spots in pixels turned into spots on the screen, where the camera's calibration has it; nothing else is kept."""
-    return replace(data, readings=tuple(_on_screen(each, data.camera) for each in data.readings if each.kind.beam), lengths=())
+    return replace(data, readings=tuple(_on_screen(reading, data.camera) for reading in data.readings if reading.kind.beam), lengths=())
 
 
 def _on_screen(own: Readings, camera: Any) -> Readings:

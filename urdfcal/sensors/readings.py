@@ -125,14 +125,14 @@ def instruments_of(
     Raises:
         UsageError: a board has no such corner.
     """
-    beside = [each for each in readings if not each.kind.beam]
+    beside = [reading for reading in readings if not reading.kind.beam]
     offsets: dict[str, set[str]] = {}
-    for each in beside:
-        offsets.setdefault(each.target, set()).update(each.kind.offset)
-    targets = {each.target: _target(each, offsets[each.target], (boards or {}).get(each.link)) for each in beside}
-    places = {place.name: place for each in beside for place in each.places}
-    placed = any(each.kind.seen_from == "frame" for each in beside)
-    before_screen = any(place.kind == "camera" for each in readings for place in each.kind.places(each.target, each.touched))
+    for reading in beside:
+        offsets.setdefault(reading.target, set()).update(reading.kind.offset)
+    targets = {reading.target: _target(reading, offsets[reading.target], (boards or {}).get(reading.link)) for reading in beside}
+    places = {place.name: place for reading in beside for place in reading.places}
+    placed = any(reading.kind.seen_from == "frame" for reading in beside)
+    before_screen = any(place.kind == "camera" for reading in readings for place in reading.kind.places(reading.target, reading.touched))
     return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if before_screen else ())
 
 
@@ -164,7 +164,7 @@ def known_lengths(stated: Iterable[tuple[str, float]], readings: Sequence[Readin
     Raises:
         UsageError: a pattern is none, or means no two sockets.
     """
-    labels = dict.fromkeys(label for each in readings if each.sensor == "socket" for label in each.touched)
+    labels = dict.fromkeys(label for reading in readings if reading.sensor == "socket" for label in reading.touched)
     found = []
     for pattern, length in stated:
         one, dash, other = (part.strip() for part in pattern.partition(" - "))

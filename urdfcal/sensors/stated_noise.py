@@ -58,7 +58,7 @@ def states_all(data: Measurements, kind: str) -> bool:
 
 def _own_sigma(data: Measurements, kind: str) -> Vector:
     """What every reading of a kind states of its own noise, nan for nothing."""
-    return np.concatenate([each.sigma[each.seen] for each in data.readings if each.noise == kind])
+    return np.concatenate([reading.sigma[reading.seen] for reading in data.readings if reading.noise == kind])
 
 
 def joint_sigmas(robot: Robot, joint_sigma: float | Vector) -> Vector:
