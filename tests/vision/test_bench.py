@@ -12,7 +12,7 @@ import pytest
 
 from tests.conftest import CliResult
 from urdfcal.base.errors import MeasurementError, UsageError
-from urdfcal.base.tables import read_csv_table
+from urdfcal.base.tables import read_table
 from urdfcal.calibration.rig_file import read_rig_file
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot, load_robot
@@ -219,7 +219,7 @@ BAD = {
     "no distance": (GOOD.replace("distance [mm]", "d"), "bench.csv:1: column 'distance': is missing"),
     "no laser": ("distance\n1\n", "bench.csv:1: column 'laser_1.x': is missing"),
     "no y": ("distance,laser_1.x\n1,2\n", "bench.csv:1: column 'laser_1.y': is missing"),
-    "word": (GOOD.replace("0.25", "far"), "bench.csv:3: column 'laser_1.y': 'far' is not a finite number"),
+    "word": (GOOD.replace("0.25", "far"), "bench.csv:3: column 'laser_1.y': 'far' is not a number; expected a number"),
     "lone cell": (GOOD.replace("0.01,0.25", ",0.25"), "bench.csv:3: column 'laser_1.x': one cell of the reading is empty"),
     "unit": (GOOD.replace("[mm]", "[inch]"), "bench.csv:1: column 'distance': unit 'inch' is not understood, expected m or mm"),
     "negative": (GOOD.replace("500", "-500"), "bench.csv:3: column 'distance': '-500' is not above zero"),
@@ -237,9 +237,9 @@ BAD = {
     ),
     "one distance": ("distance,laser_1.x,laser_1.y\n1,2,3\n1,2,3\n", "laser_1 was read at fewer than two distances"),
     "too few": ("distance,laser_1.x,laser_1.y\n1,.1,.3\n2,.1,.6\n", "2 readings leave 0 to estimate their noise from"),
-    "empty": ("", "bench.csv: has no header; expected a header and one row a distance"),
+    "empty": ("", "bench.csv: the file has no header line; expected distance, <laser>.x, <laser>.y"),
     "short row": (GOOD + "1000,2\n", "bench.csv:6: the row has 2 cells, expected 3"),
-    "twice": (GOOD.replace("laser_1.y", "laser_1.x"), "bench.csv:1: column 'laser_1.x': stands twice"),
+    "twice": (GOOD.replace("laser_1.y", "laser_1.x"), "bench.csv:1: column 'laser_1.x': stands twice, in cells 2 and 3"),
 }
 
 
@@ -257,7 +257,7 @@ def test_broken_readings_are_refused_in_one_line(text: str, said: str, tmp_path:
 def test_units_and_empty_cells(tmp_path: Path) -> None:
     """Millimetres become metres, and a reading of one laser may be missing."""
     (tmp_path / "bench.csv").write_text("distance [mm];laser_1.x [mm];laser_1.y\n500;1,5;0,25\n700;;\n900;2;0,4\n")
-    found = readings_from(read_csv_table(tmp_path / "bench.csv", "rows"))
+    found = readings_from(read_table(tmp_path / "bench.csv", "columns", "rows"))
     assert found.distance == pytest.approx([0.5, 0.7, 0.9])
     assert found.spots[0, 0] == pytest.approx([0.0015, 0.25])
     assert np.isnan(found.spots[1]).all()
@@ -265,4 +265,4 @@ def test_units_and_empty_cells(tmp_path: Path) -> None:
         beams_from_bench(found)
     assert beams_from_bench(found, noise=1e-3).stated
     with pytest.raises(MeasurementError, match="cannot be read"):
-        read_csv_table(tmp_path / "none.csv", "rows")
+        read_table(tmp_path / "none.csv", "columns", "rows")

@@ -10,14 +10,14 @@ import pytest
 
 from tests.support.vision_scene import camera, shot
 from urdfcal.base.errors import InputError, MeasurementError, UsageError
-from urdfcal.base.tables import read_csv_table
+from urdfcal.base.tables import read_table
 from urdfcal.vision.pictures import by_pose, image_files, picture_from, read_picture
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare
 from urdfcal.vision.render.sensor import Sensor
 from urdfcal.vision.spots.detector import PixelSpot, Sighting, find_spots
 from urdfcal.vision.spots.labels import label_spots
 from urdfcal.vision.spots.series import PoseSpots, put_together, without_still
-from urdfcal.vision.spots.table import joined, sigma_on_screen
+from urdfcal.vision.spots.table import joined, sigma_on_screen, spots_csv
 
 CLEAN, CLIPPED = Beam(brightness=0.9), Beam(brightness=8.0, halo=0.05)
 
@@ -202,7 +202,7 @@ def test_poses_are_joined_by_name_or_order(tmp_path: Path) -> None:
 
     def rows(text: str, labels: tuple[str, ...] = ("b", "a")) -> list[int]:
         (tmp_path / "poses.csv").write_text(text)
-        return joined({label: [tmp_path / f"{label}.png"] for label in labels}, read_csv_table(tmp_path / "poses.csv", "rows"))[0]
+        return joined({label: [tmp_path / f"{label}.png"] for label in labels}, read_table(tmp_path / "poses.csv", "columns", "rows"))[0]
 
     assert rows("image,q\na.png,1\nb.png,2\n") == [1, 0]
     assert rows("pose;q [deg]\na;1,5\nb;2\nc;3\n") == [1, 0]
@@ -219,6 +219,20 @@ def test_poses_are_joined_by_name_or_order(tmp_path: Path) -> None:
         rows("image,q\na.png,1\n")
     with pytest.raises(MeasurementError, match="has 3 rows for 2 poses"):
         rows("q\n1\n2\n3\n")
+
+
+def test_spots_are_written_beside_the_columns_of_their_poses(tmp_path: Path) -> None:
+    """Joint columns keep their units and get decimal points; a spot that was not seen is empty; names of pictures go."""
+    (tmp_path / "poses.csv").write_text('pose;image;q [deg];set;laser_1.y\n"# 1";a;1,5;fit;0\n;b;-2;test;0\n')
+    table = read_table(tmp_path / "poses.csv", "columns", "rows")
+    spots = [{"laser_1": pixel_spot(12.5, 7.25)}, {}]
+    content = spots_csv(["b", "a"], spots, ["laser_1"], pixels=True, table=table, rows=[1, 0], comments=["found"])
+    assert content.decode().splitlines() == [
+        "# found",
+        "pose,q [deg],set,laser_1.u,laser_1.v,laser_1.sigma_px",
+        "b,-2,test,12.5000,7.2500,0.0500",
+        "1,1.5,fit,,,",
+    ]
 
 
 def test_sixteen_bits_and_broken_files(tmp_path: Path) -> None:

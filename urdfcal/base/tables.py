@@ -1,146 +1,278 @@
-"""A CSV file as named columns, for tables that are not measurements: poses without spots, readings on a bench.
+"""CSV, in and out: the one reader and the one writer of tables.
 
-Separator `,`, `;` or tab, detected; with `;` a decimal comma is understood; lines that start with # are comments; units stand in
-brackets behind a column's name, as in measurements.csv.
+In: UTF-8 with or without byte-order mark, any line ending; separator `,`, `;` or tab, detected in the header; with `;` a decimal comma is
+understood; lines that start with # are comments; a unit stands in brackets behind a column's name, such as `joint1 [deg]`.
+Out: separator `,`, decimal points, 12 significant digits, nothing for nan, and no row that would be read as a comment.
 """
 
 from __future__ import annotations
 
 import csv
+import hashlib
+import io
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from urdfcal.base.errors import MeasurementError, did_you_mean
-from urdfcal.base.geometry import DEG, MM, Vector
+from urdfcal.base.geometry import MM, Mask, Vector
 
 LENGTHS = {"m": 1.0, "mm": MM}
-ANGLES = {"rad": 1.0, "deg": DEG}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-_HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[\s*([^\[\]]*?)\s*\])?\s*")
+_LINE_END = re.compile(r"\r\n|\n|\r")
 
 
 @dataclass(frozen=True)
-class CsvTable:
-    """A table.
+class Table:
+    """A CSV file as named columns; rows are split when cells are first asked for, so that what is wrong with the header is said first.
 
     Attributes:
         path: The file.
-        header: The header's cells as they stand, by the column's name without its unit.
-        units: Unit of each column that states one.
-        columns: Cells by column name.
-        lines: Line of each row in the file.
+        sha256: Of its bytes.
         header_line: Line of the header.
-        decimal_comma: Whether 1,5 is a number.
+        names: Of the columns, without their units.
+        units: Unit of each column that states one.
+        separator: Between cells.
+        body: Line number and text of each row.
     """
 
     path: Path
-    header: Mapping[str, str]
-    units: Mapping[str, str]
-    columns: Mapping[str, list[str]]
-    lines: list[int]
+    sha256: str
     header_line: int
-    decimal_comma: bool
+    names: tuple[str, ...]
+    units: Mapping[str, str]
+    separator: str
+    body: tuple[tuple[int, str], ...]
 
     def __len__(self) -> int:
         """Number of rows."""
-        return len(self.lines)
+        return len(self.body)
+
+    @property
+    def lines(self) -> list[int]:
+        """Line of each row in the file."""
+        return [line for line, _ in self.body]
+
+    @cached_property
+    def columns(self) -> Mapping[str, list[str]]:
+        """Cells by column name.
+
+        Raises:
+            MeasurementError: a row has fewer cells than the header, or more.
+        """
+        rows = [self._cells(row) for row in range(len(self))]
+        return {name: [cells[position] for cells in rows] for position, name in enumerate(self.names)}
+
+    def title(self, name: str) -> str:
+        """A column's name with its unit, as in the header."""
+        return f"{name} [{self.units[name]}]" if name in self.units else name
+
+    def renamed(self, names: Mapping[str, str]) -> Table:
+        """The same table with other names for some of its columns.
+
+        Raises:
+            MeasurementError: two columns then have one name.
+        """
+        own = {name: names.get(name, name) for name in self.names}
+        _require_once(self.path, self.header_line, tuple(own.values()))
+        return replace(self, names=tuple(own.values()), units={own[name]: unit for name, unit in self.units.items()})
 
     def fail(self, row: int | None, column: str, message: str) -> MeasurementError:
         """An error that names the row's line, or the header's, and the column."""
-        return MeasurementError(f"column '{column}': {message}", self.path, self.header_line if row is None else self.lines[row])
+        return _fault(self.path, self.header_line if row is None else self.body[row][0], column, message)
 
     def require(self, name: str, what: str) -> None:
         """Refuse a table without a column."""
-        if name not in self.columns:
-            raise self.fail(None, name, f"is missing; expected {what}{did_you_mean(name, self.columns)}")
+        if name not in self.names:
+            raise self.fail(None, name, f"is missing; expected {what}{did_you_mean(name, self.names)}")
 
-    def numbers(self, name: str, allowed: Mapping[str, float], empty: bool = False) -> Vector:
-        """A column in SI units, (n,); nan for an empty cell where that is allowed.
+    def refuse(self, name: str, wrong: Mask, message: str) -> None:
+        """Refuse the first cell of a column that is wrong, if there is one; its text goes before the message."""
+        for row in np.flatnonzero(wrong)[:1]:
+            raise self.fail(int(row), name, f"'{self.columns[name][row]}' {message}")
+
+    def numbers(
+        self, name: str, units: Mapping[str, float], way_out: str = "expected a number", *, empty: bool = False, most: float = math.inf
+    ) -> Vector:
+        """A column in SI units, (n,).
 
         Args:
             name: The column.
-            allowed: Factors of the units that it can have; the first is the default.
-            empty: Whether a cell can be empty.
+            units: Factors of the units that it can have; the first is the default.
+            way_out: What was expected of a cell that is no number.
+            empty: Whether a cell can be empty, which is nan then.
+            most: No cell may be farther from zero, in its own unit.
 
         Raises:
             MeasurementError: naming line and column.
         """
-        unit = self.units.get(name, next(iter(allowed)))
-        if unit not in allowed:
-            raise self.fail(None, name, f"unit '{unit}' is not understood, expected {' or '.join(allowed)}")
-        return np.array([self._number(name, row, cell, empty) for row, cell in enumerate(self.columns[name])]) * allowed[unit]
+        factor = self._factor(name, units)
+        cells = self.columns[name]
+        numbers = np.array([self._number(cell) for cell in cells])
+        for row in np.flatnonzero(~(np.isfinite(numbers) & (np.abs(numbers) <= most))):
+            if cells[row] or not empty:
+                raise self.fail(int(row), name, f"{_no_number(cells[row], numbers[row], most)}; {way_out}")
+        return factor * numbers
 
-    def _number(self, name: str, row: int, cell: str, empty: bool) -> float:
-        if not cell and empty:
-            return math.nan
-        text = cell.replace(",", ".") if self.decimal_comma and "." not in cell else cell
-        if not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
-            raise self.fail(row, name, f"'{cell}' is not a finite number" if cell else "the cell is empty, expected a number")
-        return float(text)
+    def with_point(self, cell: str) -> str:
+        """A cell; with a decimal point if it is a number with a decimal comma, and this file can have such."""
+        if self.separator != ";" or "," not in cell:
+            return cell
+        text = cell.replace(",", ".")
+        return text if _NUMBER.fullmatch(text) else cell
+
+    def _factor(self, name: str, units: Mapping[str, float]) -> float:
+        unit = self.units.get(name, next(iter(units)))
+        if unit not in units:
+            raise self.fail(None, name, f"unit '{unit}' is not understood, expected {' or '.join(units)}")
+        return units[unit]
+
+    def _number(self, cell: str) -> float:
+        """A cell as a number; nan if it is none."""
+        text = self.with_point(cell)
+        return float(text) if _NUMBER.fullmatch(text) else math.nan
+
+    def _cells(self, row: int) -> list[str]:
+        line, text = self.body[row]
+        cells, width = _split(self.path, line, text, self.separator), len(self.names)
+        if len(cells) < width or any(cells[width:]):
+            way_out = "; a decimal comma needs ; between the cells" if len(cells) > width and self.separator == "," else ""
+            raise self.fail(row, "", f"the row has {len(cells)} cells, expected {width} as in the header{way_out}")
+        return cells
 
 
-def read_csv_table(path: str | Path, what: str) -> CsvTable:
-    """Read a table.
+CsvTable = Table  # its name until now
+
+
+def read_table(path: str | Path, header: str, rows: str) -> Table:
+    """Read a CSV file.
 
     Args:
-        path: The file, UTF-8.
-        what: What its rows are, for messages.
+        path: The file.
+        header: What the header must hold, for messages.
+        rows: What its rows are, for messages.
 
     Raises:
-        MeasurementError: it cannot be read, has no row, or a row or the header is malformed.
+        MeasurementError: it cannot be read, has no header or no row, or the header is malformed.
     """
-    rows, separator = _rows(Path(path))
-    if len(rows) < 2:
-        raise MeasurementError(f"has {'a header and no row' if rows else 'no header'}; expected a header and {what}", path)
-    (header_line, cells), body = rows[0], rows[1:]
-    while cells and not cells[-1]:
-        cells.pop()
-    parsed = [_header_cell(path, header_line, cell, position) for position, cell in enumerate(cells, start=1)]
-    names = [name for name, _ in parsed]
-    for name in names:
-        if names.count(name) > 1:
-            raise MeasurementError(f"column '{name}': stands twice", path, header_line)
-    for line, row in body:
-        if len(row) < len(names) or any(row[len(names) :]):
-            raise MeasurementError(f"the row has {len(row)} cells, expected {len(names)} as in the header", path, line)
-    return CsvTable(
-        Path(path),
-        dict(zip(names, cells, strict=True)),
-        {name: unit for name, unit in parsed if unit is not None},
-        {name: [row[position] for _, row in body] for position, name in enumerate(names)},
-        [line for line, _ in body],
-        header_line,
-        separator == ";",
-    )
+    path = Path(path)
+    content = _content(path)
+    lines = _filled_lines(_text(path, content))
+    if not lines:
+        raise MeasurementError(f"the file has no header line; expected {header}", path)
+    (line, head), *body = lines
+    separator = max(";\t,", key=head.count)
+    names, units = _named(path, line, _split(path, line, head, separator))
+    if not body:
+        raise MeasurementError(f"there is a header and no row; expected {rows}", path, line)
+    return Table(path, hashlib.sha256(content).hexdigest(), line, names, units, separator, tuple(body))
 
 
-def _header_cell(path: str | Path, line: int, cell: str, position: int) -> tuple[str, str | None]:
-    match = _HEADER.fullmatch(cell)
-    if match is None:
-        raise MeasurementError(f"column '{cell}': expected a name and perhaps a unit, such as 'joint1 [deg]'", path, line)
-    if not match[1]:
-        raise MeasurementError(f"cell {position} of the header is empty, expected a name", path, line)
-    return match[1], match[2]
+def csv_text(names: Sequence[str], rows: Iterable[Sequence[str | float]], comments: Iterable[str] = ()) -> bytes:
+    """Write a CSV file.
+
+    Args:
+        names: The header.
+        rows: Text and numbers.
+        comments: Lines for the head of the file.
+    """
+    text = io.StringIO()
+    text.writelines(f"# {_one_line(comment)}\n" for comment in comments)
+    csv.writer(text, lineterminator="\n").writerows(_written(row) for row in (names, *rows))
+    return text.getvalue().encode(errors="backslashreplace")
 
 
-def _rows(path: Path) -> tuple[list[tuple[int, list[str]]], str]:
+def _written(row: Sequence[str | float]) -> list[str]:
+    """Cells of a row; a # at its front would make a comment of it."""
+    first, *others = (_one_line(value) if isinstance(value, str) else _digits(value) for value in row)
+    return [first.lstrip("# "), *others]
+
+
+def _digits(number: float) -> str:
+    return "" if math.isnan(number) else f"{number:.12g}"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _content(path: Path) -> bytes:
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        return path.read_bytes()
     except OSError as error:
         raise MeasurementError(f"cannot be read: {error.strerror or error}", path) from None
-    except UnicodeDecodeError as error:
-        raise MeasurementError("is not UTF-8 text; save it as CSV in UTF-8", path, error.object[: error.start].count(b"\n") + 1) from None
-    lines = [(number, line) for number, line in enumerate(re.split(r"\r\n|\n|\r", text), start=1)]
-    kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    separator = max(";\t,", key=kept[0][1].count) if kept else ","
+
+
+def _text(path: Path, content: bytes) -> str:
     try:
-        return [
-            (n, [c.strip() for c in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]) for n, line in kept
-        ], separator
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = len(_LINE_END.split(error.object[: error.start].decode("latin-1")))
+        raise MeasurementError("is not UTF-8 text; save it as CSV in UTF-8", path, line) from None
+
+
+def _filled_lines(text: str) -> list[tuple[int, str]]:
+    """Number and text of the lines that are neither blank nor comments."""
+    lines = enumerate(_LINE_END.split(text), start=1)
+    return [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+
+
+def _split(path: Path, line: int, text: str, separator: str) -> list[str]:
+    try:
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
     except csv.Error as error:
-        raise MeasurementError(f"cannot be split into cells: {error}", path) from None
+        raise MeasurementError(f"cannot be split into cells: {error}", path, line) from None
+
+
+def _named(path: Path, line: int, titles: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Names of a header's columns, and the units of those that state one; empty cells at its end are none."""
+    while titles and not titles[-1]:
+        titles.pop()
+    named = [_name_and_unit(path, line, title, position) for position, title in enumerate(titles, start=1)]
+    names = tuple(name for name, _ in named)
+    _require_once(path, line, names)
+    return names, {name: unit for name, unit in named if unit is not None}
+
+
+def _name_and_unit(path: Path, line: int, title: str, position: int) -> tuple[str, str | None]:
+    name, bracket, unit = (word.strip() for word in title.removesuffix("]").partition("["))
+    if bool(bracket) != title.endswith("]"):
+        raise _fault(
+            path, line, title, f"the unit has no {'closing' if bracket else 'opening'} bracket, expected for example 'joint1 [deg]'"
+        )
+    if not name:
+        raise _fault(path, line, title, f"cell {position} of the header is empty, expected a name")
+    return name, unit if bracket else None
+
+
+def _require_once(path: Path, line: int, names: Sequence[str]) -> None:
+    for position, name in enumerate(names):
+        first = names.index(name)
+        if first < position:
+            raise _fault(path, line, name, f"stands twice, in cells {first + 1} and {position + 1}")
+
+
+def _fault(path: Path, line: int, column: str, message: str) -> MeasurementError:
+    return MeasurementError(f"column '{column}': {message}" if column else message, path, line)
+
+
+def _no_number(cell: str, number: float, most: float) -> str:
+    """What keeps a cell from being taken for a number."""
+    if not cell:
+        return "the cell is empty"
+    if math.isfinite(number):
+        return f"'{cell}' is beyond {most:g}"
+    return f"'{cell}' is not {'finite' if _is_infinite(cell) else 'a number'}"
+
+
+def _is_infinite(text: str) -> bool:
+    """Whether Python takes a text for an infinite number or nan."""
+    try:
+        return not math.isfinite(float(text))
+    except ValueError:
+        return False

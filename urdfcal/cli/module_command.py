@@ -45,7 +45,7 @@ def module(
     import numpy as np
 
     from urdfcal.base.files import write_whole
-    from urdfcal.base.tables import read_csv_table
+    from urdfcal.base.tables import read_table
     from urdfcal.vision.bench.beams import readings_from
     from urdfcal.vision.bench.misreadings import beams_without_misreadings
     from urdfcal.vision.bench.module_file import beam_priors, described, misreadings, module_yaml, xacro_arguments
@@ -55,7 +55,7 @@ def module(
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_places(output, inputs=(bench, robot))
     arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
-    table = read_csv_table(bench, "one row a distance")
+    table = read_table(bench, "distance, <laser>.x, <laser>.y", "one row a distance")
     readings = readings_from(table)
     result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)
     warnings = misreadings(result, left_out, doubtful, table)

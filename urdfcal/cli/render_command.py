@@ -78,7 +78,7 @@ def render(
     import numpy as np
 
     from urdfcal.base.files import write_whole
-    from urdfcal.base.tables import read_csv_table
+    from urdfcal.base.tables import read_table
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.markers import read_screen_markers
     from urdfcal.vision.render.light import Beam, Lighting
@@ -121,7 +121,7 @@ def render(
     view.spots_of_pixels(np.zeros((1, 2)))  # refuses a camera without a screen
     _require_folder(output)
     require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
-    table = read_csv_table(poses, "one row a pose")
+    table = read_table(poses, "a column a joint", "one row a pose")
     names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
     output.mkdir(exist_ok=True)
     if camera is None:
@@ -151,14 +151,14 @@ def render(
 
 def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
     """Spots and directions: those of the file where it has any, else the robot's."""
-    from urdfcal.base.tables import read_csv_table
+    from urdfcal.base.tables import read_table
+    from urdfcal.sensors.joint_columns import joint_positions
     from urdfcal.sensors.measurements_csv import read_measurements
     from urdfcal.vision.render.pictures import Beams, nominal_beams
-    from urdfcal.vision.spots.table import joint_positions
 
-    table = read_csv_table(poses, "one row a pose")
+    table = read_table(poses, "a column a joint", "one row a pose")
     shown = _corrected(arm, calibrated) if calibrated else arm
-    if calibrated is None and any(f"{laser}.y" in table.columns for laser in arm.rig.lasers):
+    if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
         return Beams(data.spots, nominal_beams(arm, data.q).direction)
     return nominal_beams(shown, joint_positions(table, arm))

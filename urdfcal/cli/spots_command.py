@@ -14,7 +14,7 @@ from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbos
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Array3
-    from urdfcal.base.tables import CsvTable
+    from urdfcal.base.tables import Table
     from urdfcal.robot.robot import Robot
 
 
@@ -80,7 +80,7 @@ def spots(
 ) -> None:
     """Find the laser spots in pictures, to sub-pixel, and write them as measurements."""
     from urdfcal.base.files import write_together
-    from urdfcal.base.tables import read_csv_table
+    from urdfcal.base.tables import read_table
     from urdfcal.vision.camera.camera_file import read_camera
     from urdfcal.vision.pictures import by_pose, image_files, read_picture
     from urdfcal.vision.spots.detector import SpotLimits
@@ -101,7 +101,7 @@ def spots(
     names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
     require_places(output, inputs=(camera, poses, robot, dark, *files))
-    table = read_csv_table(poses, "one row a pose") if poses else None
+    table = read_table(poses, "a column a joint", "one row a pose") if poses else None
     groups = by_pose(files, images, frames, known_labels(table) if table else ())  # type: ignore[arg-type]
     if debug is not None:
         _require_debug(debug, images, files, list(drawing_places(groups, debug).values()), (output, camera, poses, robot, dark))
@@ -205,9 +205,9 @@ def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:
     return words
 
 
-def _predicted(arm: Robot, table: CsvTable, rows: list[int]) -> Array3:
+def _predicted(arm: Robot, table: Table, rows: list[int]) -> Array3:
     """Spots of the nominal robot in the poses' order."""
+    from urdfcal.sensors.joint_columns import joint_positions
     from urdfcal.vision.render.pictures import nominal_beams
-    from urdfcal.vision.spots.table import joint_positions
 
     return nominal_beams(arm, joint_positions(table, arm)[rows]).spots

@@ -20,7 +20,7 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import DEG, MM, Matrix
-from urdfcal.base.tables import CsvTable
+from urdfcal.base.tables import Table
 from urdfcal.robot.robot import Robot
 from urdfcal.vision.bench.beams import BenchResult, beam_direction, relative_angles
 from urdfcal.vision.bench.misreadings import Misreading
@@ -132,7 +132,7 @@ def described(result: BenchResult) -> list[str]:
     return lines
 
 
-def misreadings(result: BenchResult, left_out: Sequence[Misreading], doubtful: Sequence[Misreading], table: CsvTable) -> list[str]:
+def misreadings(result: BenchResult, left_out: Sequence[Misreading], doubtful: Sequence[Misreading], table: Table) -> list[str]:
     """What does not fit, in lines of text."""
     lines = []
     for wrong in left_out:

@@ -6,17 +6,14 @@ screen by the pixel: it grows where the camera looks at a slant. The camera's ow
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from urdfcal.base.errors import MeasurementError
-from urdfcal.base.geometry import Array3, Matrix
-from urdfcal.base.tables import ANGLES, LENGTHS, CsvTable
-from urdfcal.robot.robot import Robot
+from urdfcal.base.geometry import Array3
+from urdfcal.base.tables import Table, csv_text
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.pictures import picture_name
 from urdfcal.vision.spots.detector import PixelSpot
@@ -25,7 +22,7 @@ _NAMING = ("image", "pose")  # columns that name pictures
 _SPOT_ENDINGS = (".y", ".z", ".sigma", ".u", ".v", ".sigma_px")
 
 
-def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[int], str]:
+def joined(groups: Mapping[str, Sequence[Path]], table: Table) -> tuple[list[int], str]:
     """The table's row of every pose, and a warning where nothing but the order says so.
 
     Rows are found by the column `image` (a file's name, with or without its ending, or the pose's label), or by the column `pose` if
@@ -35,7 +32,7 @@ def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[
     Raises:
         MeasurementError: a pose has no row, or two; or order is all there is and the numbers differ.
     """
-    columns = [name for name in _NAMING if name in table.columns]
+    columns = [name for name in _NAMING if name in table.names]
     if not columns:
         return _by_order(groups, table)
     found = {name: {label: _rows_of(table.columns[name], label, paths) for label, paths in groups.items()} for name in columns}
@@ -43,11 +40,8 @@ def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[
     for label, matches in found[column].items():
         if len(matches) != 1:
             none = "" if any(found[column].values()) else "; write a column 'image' with the pictures' names, or have none to join by order"
-            raise MeasurementError(
-                f"column '{column}': {len(matches) or 'no'} row(s) for the picture {groups[label][0].name}, expected one{none}",
-                table.path,
-                table.lines[matches[1]] if matches else table.header_line,
-            )
+            found_rows = f"{len(matches) or 'no'} row(s) for the picture {groups[label][0].name}"
+            raise table.fail(matches[1] if matches else None, column, f"{found_rows}, expected one{none}")
     rows = [row for (row,) in found[column].values()]
     for row in rows:
         if rows.count(row) > 1:
@@ -55,7 +49,7 @@ def joined(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[
     return rows, ""
 
 
-def _by_order(groups: Mapping[str, Sequence[Path]], table: CsvTable) -> tuple[list[int], str]:
+def _by_order(groups: Mapping[str, Sequence[Path]], table: Table) -> tuple[list[int], str]:
     if len(table) != len(groups):
         raise MeasurementError(
             f"has {len(table)} rows for {len(groups)} poses with pictures, and no column 'image' or 'pose' that names the pictures",
@@ -71,23 +65,10 @@ def _rows_of(cells: Sequence[str], label: str, paths: Sequence[Path]) -> list[in
     return rows or [row for row, cell in enumerate(cells) if picture_name(cell) in names]
 
 
-def known_labels(table: CsvTable) -> set[str]:
+def known_labels(table: Table) -> set[str]:
     """What a table calls its poses, and what their pictures can be named."""
     cells = {cell for column in _NAMING for cell in table.columns.get(column, [])}
     return cells | {picture_name(cell) for cell in cells}
-
-
-def joint_positions(table: CsvTable, robot: Robot) -> Matrix:
-    """Positions of the robot's measured joints, (n, joints), [rad] or [m].
-
-    Raises:
-        MeasurementError: a joint's column is missing or holds no numbers.
-    """
-    columns = []
-    for joint in robot.chain.inputs:
-        table.require(joint.name, "a column for each joint on the way")
-        columns.append(table.numbers(joint.name, LENGTHS if joint.prismatic else ANGLES))
-    return np.column_stack(columns)
 
 
 def sigma_on_screen(camera: Camera, spot: PixelSpot) -> float:
@@ -103,7 +84,7 @@ def spots_csv(
     *,
     camera: Camera | None = None,
     pixels: bool = False,
-    table: CsvTable | None = None,
+    table: Table | None = None,
     rows: Sequence[int] = (),
     comments: Sequence[str] = (),
 ) -> bytes:
@@ -119,38 +100,51 @@ def spots_csv(
         rows: The table's row of each pose.
         comments: Lines for the head of the file.
     """
-    copied = [name for name in (table.columns if table else ()) if name not in ("pose", "image") and not name.endswith(_SPOT_ENDINGS)]
-    endings = (("y", "z", "sigma") if camera else ()) + (("u", "v", "sigma_px") if pixels else ())
-    text = io.StringIO()
-    text.writelines(f"# {' '.join(comment.split())}\n" for comment in comments)
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["pose", *(table.header[name] for name in copied if table), *(f"{laser}.{ending}" for laser in lasers for ending in endings)]
-    )
-    for pose, label in enumerate(labels):
-        cells = [_plain(table, name, table.columns[name][rows[pose]]) for name in copied] if table else []
-        for laser in lasers:
-            cells += _cells(spots[pose].get(laser), camera, pixels, len(endings))
-        own = table.columns["pose"][rows[pose]] if table and "pose" in table.columns else ""
-        writer.writerow([(own or label).lstrip("# "), *cells])
-    return text.getvalue().encode(errors="backslashreplace")
+    columns: dict[str, Sequence[str | float]] = {"pose": _poses(labels, table, rows)}
+    if table is not None:
+        columns |= _copied(table, rows)
+    for laser in lasers:
+        seen = [found.get(laser) for found in spots]
+        columns |= _in_metres(laser, seen, camera) if camera else {}
+        columns |= _in_pixels(laser, seen) if pixels else {}
+    return csv_text(list(columns), zip(*columns.values(), strict=True), comments)
 
 
-def _plain(table: CsvTable, name: str, cell: str) -> str:
-    """A cell with a decimal point."""
-    return cell.replace(",", ".") if table.decimal_comma and name not in ("set", "session") else cell
+def _poses(labels: Sequence[str], table: Table | None, rows: Sequence[int]) -> list[str]:
+    """What the table calls the poses, or else what the pictures are called."""
+    if table is None or "pose" not in table.names:
+        return list(labels)
+    return [table.columns["pose"][row] or label for row, label in zip(rows, labels, strict=True)]
 
 
-def _cells(spot: PixelSpot | None, camera: Camera | None, pixels: bool, count: int) -> list[str]:
-    if spot is None:
-        return [""] * count
-    cells = []
-    if camera is not None:
-        y, z = camera.spots_of_pixels(spot.centre[None])[0]
-        cells += [f"{y:.9g}", f"{z:.9g}", f"{sigma_on_screen(camera, spot):.4g}"]
-    if pixels:
-        cells += [f"{spot.centre[0]:.4f}", f"{spot.centre[1]:.4f}", f"{np.sqrt(np.trace(spot.covariance) / 2):.4f}"]
-    return cells
+def _copied(table: Table, rows: Sequence[int]) -> dict[str, list[str]]:
+    """The table's own columns but for names of pictures and spots, with decimal points."""
+    names = [name for name in table.names if name not in _NAMING and not name.endswith(_SPOT_ENDINGS)]
+    return {table.title(name): [_plain(table, name, row) for row in rows] for name in names}
+
+
+def _plain(table: Table, name: str, row: int) -> str:
+    cell = table.columns[name][row]
+    return cell if name in ("set", "session") else table.with_point(cell)
+
+
+def _in_metres(laser: str, seen: Sequence[PixelSpot | None], camera: Camera) -> dict[str, list[str]]:
+    """A laser's spots on the screen, to a nanometre."""
+    spots = [(*camera.spots_of_pixels(spot.centre[None])[0], sigma_on_screen(camera, spot)) if spot else None for spot in seen]
+    return _columns(laser, {"y": ".9g", "z": ".9g", "sigma": ".4g"}, spots)
+
+
+def _in_pixels(laser: str, seen: Sequence[PixelSpot | None]) -> dict[str, list[str]]:
+    """A laser's spots in the picture."""
+    spots = [(*spot.centre, np.sqrt(np.trace(spot.covariance) / 2)) if spot else None for spot in seen]
+    return _columns(laser, {"u": ".4f", "v": ".4f", "sigma_px": ".4f"}, spots)
+
+
+def _columns(laser: str, digits: Mapping[str, str], spots: Sequence[tuple[float, ...] | None]) -> dict[str, list[str]]:
+    """Columns by name, with so many digits; empty where there is no spot."""
+    return {
+        f"{laser}.{ending}": [format(spot[index], digits[ending]) if spot else "" for spot in spots] for index, ending in enumerate(digits)
+    }
 
 
 def on_screen(camera: Camera, spots: Sequence[Mapping[str, PixelSpot]], lasers: Sequence[str]) -> Array3:
