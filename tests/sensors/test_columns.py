@@ -114,6 +114,7 @@ def test_figarohs_columns_are_read_as_they_are(tmp_path: Path) -> None:
         ("point", "tool:2", "tool"),
     ]
     np.testing.assert_allclose(Rotation.from_quat(data.readings[1].values).as_euler("xyz"), [[0.1, 0.2, 0.3]], atol=1e-14)
+    np.testing.assert_allclose(read(tmp_path, table("x1 [mm]", "5"), target="tool").readings[0].values[0, 0], 0.005)
     assert [figaroh_name(cell, "hand") for cell in ("x1", " phiz3 ", "x", "x1y", "phi1", "joint1")] == [
         "hand.x",
         "hand:3.yaw",

@@ -1,15 +1,18 @@
-"""Columns of a measurements file: which sensor and which target each name means, and what is written back."""
+"""Columns of a measurements file: which sensor and which target each name means, and the robot as these measurements see it."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from urdfcal.base.errors import no_such
+from urdfcal.base.errors import did_you_mean, no_such
+from urdfcal.base.tables import Table
+from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.readings import Readings
+from urdfcal.sensors.joint_columns import require_joints
+from urdfcal.sensors.readings import blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor
 from urdfcal.sensors.targets import QUATERNION
@@ -17,6 +20,8 @@ from urdfcal.sensors.targets import QUATERNION
 _OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.beam for ending in sensor.endings}
 _OF_LASERS = {ending: sensor.name for sensor in SENSORS.values() if sensor.beam for ending in sensor.endings}
 _OF_NOISE = {sensor.sigma_ending for sensor in SENSORS.values() if sensor.sigma_ending}
+_OF_PICTURES = ("u", "v", "sigma_px")
+_OF_POSES = ("set", "session", "pose", "payload")
 _FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
 _FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
 
@@ -43,6 +48,132 @@ class ReadingColumn:
     def kind(self) -> Sensor:
         """How it is read."""
         return SENSORS[self.sensor]
+
+
+Group = Mapping[str, ReadingColumn]  # the columns of one sensor and one target, by their endings
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What the columns of a file mean.
+
+    Attributes:
+        robot: The robot as these measurements see it: with lasers if there are spots, or nothing else; with the targets that are named.
+        read: What was read of each target by each sensor: of lasers first, in their order, and pixels before metres.
+        warnings: Columns that mean nothing, and lasers that have none.
+    """
+
+    robot: Robot
+    read: Mapping[tuple[str, str], Group]
+    warnings: tuple[str, ...]
+
+
+def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid]) -> Columns:
+    """What the columns of a table of measurements mean.
+
+    Raises:
+        MeasurementError: a column is missing, or cannot be taken as it is.
+        RigError: a link that is needed is not there, or not where it can be.
+    """
+    lasers = _laser_candidates(table, robot)
+    others = () if robot.lasers is None else set(lasers) - set(robot.lasers)
+    named = [column for column in reading_columns(table.names, robot, lasers) if column.target not in others]
+    columns = [column for column in named if camera is not None or column.ending not in _OF_PICTURES]
+    _refuse(table, robot, columns, [column for column in named if column not in columns])
+    seen = _as_seen(robot, columns, reference, camera, boards)
+    require_joints(table, seen)
+    _require_whole_spots(table, seen.rig.lasers)
+    read = _by_target(table, columns, seen.rig.lasers)
+    warnings = (*_never_seen(table, seen.rig.lasers, read), *_unused(table, seen, {column.name for column in named}))
+    return Columns(seen, read, warnings)
+
+
+def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:
+    """Links that are lasers by what was asked for or by their name; one with an x has a point, and no spot."""
+    named = (*(robot.lasers or ()), *lasers_by_name(robot.tree))
+    return tuple(dict.fromkeys(laser for laser in named if f"{laser}.x" not in table.names))
+
+
+def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pictures: Sequence[ReadingColumn]) -> None:
+    """Refuse columns that cannot be taken as they are; where nothing at all is measured, say what comes nearest to it."""
+    fault = refusal(columns, table.units)
+    if fault is None and in_pictures and not any(column.sensor for column in columns):
+        fault = in_pictures[0].name, "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
+    if fault is None and not in_pictures and not columns:
+        fault = lost_column(table.names, robot)
+    if fault is not None:
+        raise table.fail(None, *fault)
+
+
+def _as_seen(robot: Robot, columns: Sequence[ReadingColumn], reference: str, camera: Any, boards: Mapping[str, Grid]) -> Robot:
+    read = dict.fromkeys((column.sensor, column.target, column.link) for column in columns if column.sensor)
+    instruments = instruments_of([blank_readings(*key) for key in read], reference, camera, boards)
+    spots = any(SENSORS[sensor].beam for sensor, _, _ in read)
+    return robot.seen_by(instruments, robot.lasers if spots else ()) if instruments.needed else robot
+
+
+def _require_whole_spots(table: Table, lasers: Sequence[str]) -> None:
+    """Refuse one coordinate of a spot without the other, also where an x beside it makes a point of it."""
+    for laser in lasers:
+        given = [ending for ending in SENSORS["spot"].endings if f"{laser}.{ending}" in table.names]
+        if given:
+            _require_whole(table, "spot", laser, given)
+
+
+def _require_whole(table: Table, sensor: str, target: str, given: Collection[str]) -> None:
+    lacking = SENSORS[sensor].lacking(target, given)
+    if lacking is not None:
+        raise table.fail(None, f"{target}.{lacking[0]}", lacking[1])
+
+
+def _by_target(table: Table, columns: Sequence[ReadingColumn], lasers: Sequence[str]) -> Mapping[tuple[str, str], Group]:
+    """Columns by target and sensor; those of lasers first.
+
+    Raises:
+        MeasurementError: a column is missing beside others.
+    """
+    groups: dict[tuple[str, str], dict[str, ReadingColumn]] = {}
+    for column in (column for column in columns if column.sensor):
+        groups.setdefault((column.target, column.sensor), {})[column.ending] = column
+    for (target, sensor), group in groups.items():
+        _require_whole(table, sensor, target, group)
+    chosen = [key for laser in lasers if (key := _chosen(laser, groups)) is not None]
+    return {key: groups[key] for key in chosen} | {key: group for key, group in groups.items() if not SENSORS[key[1]].beam}
+
+
+def _chosen(laser: str, groups: Collection[tuple[str, str]]) -> tuple[str, str] | None:
+    """What is read of a laser: pixels before metres, None for nothing."""
+    spots = [(target, sensor) for target, sensor in groups if target == laser and SENSORS[sensor].beam]
+    return min(spots, key=lambda key: key[1] == "spot", default=None)
+
+
+def _never_seen(table: Table, lasers: Sequence[str], read: Collection[tuple[str, str]]) -> Iterator[str]:
+    """A warning for each laser that has no columns.
+
+    Raises:
+        MeasurementError: there are no others.
+    """
+    targets = {target for target, _ in read}
+    unseen = [laser for laser in lasers if laser not in targets]
+    if unseen and unseen == list(lasers):
+        raise table.fail(None, f"{unseen[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z")
+    for laser in unseen:
+        yield f"{table.path}: laser '{laser}' of the robot has no columns; it is taken as never seen"
+
+
+def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]:
+    """A warning for each column that means nothing."""
+    known = {
+        *meant,
+        *_OF_POSES,
+        *(f"{laser}.{ending}" for laser in robot.rig.lasers for ending in (*SENSORS["spot"].endings, "sigma")),
+        *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
+    }
+    nearest = sorted(known - set(table.names))
+    for name in table.names:
+        if name not in known:
+            where = f"{table.path}:{table.header_line}: column '{name}'"
+            yield f"{where} means nothing here and is not used{did_you_mean(name, nearest)}"
 
 
 def reading_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[ReadingColumn, ...]:
@@ -87,6 +218,18 @@ def lost_column(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
     return None
 
 
+def with_our_names(table: Table, target: str) -> Table:
+    """A table with figaroh's columns x1, y1 ... in our own names.
+
+    Raises:
+        MeasurementError: it has such columns, and no link is named that they belong to.
+    """
+    ours = {name: own for name in table.names if (own := figaroh_name(name, target))}
+    if ours and not target:
+        raise table.fail(None, next(iter(ours)), "which link is it measured on? name it with --target LINK")
+    return table.renamed(ours)
+
+
 def figaroh_name(cell: str, target: str) -> str:
     """Our name of figaroh's column x1, phiz2 ...; the empty string for any other."""
     match = _FIGAROH.fullmatch(cell.strip())
@@ -94,20 +237,3 @@ def figaroh_name(cell: str, target: str) -> str:
         return ""
     label = "" if match[2] == "1" else f":{match[2]}"
     return f"{target}{label}.{_FIGAROH_WORDS.get(match[1], match[1])}"
-
-
-def written_columns(readings: Readings) -> list[tuple[str, list[str]]]:
-    """Header and cells of some readings, SI."""
-    name, how = readings.target, readings.kind
-    if how.touches:
-        columns = [(f"{name}.{ending}", [" ".join(str(label).split()) for label in readings.labels]) for ending in how.endings]
-    else:
-        columns = [(f"{name}.{ending}", cells(column)) for ending, column in how.written(readings.values).items()]
-    if how.sigma_ending and any(math.isfinite(sigma) for sigma in readings.sigma.tolist()):
-        columns.append((f"{name}.{how.sigma_ending}", cells(readings.sigma)))
-    return columns
-
-
-def cells(numbers: Iterable[float]) -> list[str]:
-    """Numbers as cells, empty for nan."""
-    return ["" if math.isnan(number) else f"{number:.12g}" for number in numbers]
