@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.sensors.sensor import Change, Look, Quantity, Sensor, View, Words, point_jacobian, require_pair
 
@@ -21,6 +23,8 @@ class PixelSensor(Sensor):
     components = "uv"
     endings: ClassVar[Mapping[str, Quantity]] = {"u": "pixel", "v": "pixel"}
     sigma_ending = "sigma_px"
+    mark = "target, on the ray of its pixel"
+    line = "line of sight"
 
     def __init__(self, camera: Any = None) -> None:
         """Of one camera: a `sensors.camera.Camera`."""
@@ -48,6 +52,15 @@ class PixelSensor(Sensor):
             "u of the pixels mirrored": lambda values: [width - 1, 0] + values * [-1, 1],
             "v of the pixels counted from below": lambda values: [0, height - 1] + values * [1, -1],
         }
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; on the ray of its pixel, as far ahead of the camera as predicted."""
+        rays = self.camera.rays(np.nan_to_num(values))
+        return np.asarray(rays * (view.p[:, 2:] / rays[:, 2:]))
+
+    def looks_from(self, view: View) -> Matrix | None:
+        """The camera."""
+        return np.zeros_like(view.p)
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""

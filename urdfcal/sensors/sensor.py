@@ -155,6 +155,8 @@ class Sensor:
         sigma_ending: Of the column that states the noise of each reading; the empty string for none.
         empty: What to do with the cells of a reading that was not made.
         blank: Something harmless to compute with where nothing was read, (stored,).
+        mark: What the mark of a reading is called in the view.
+        line: What the line from `looks_from` to it is called there; the empty string where there is none.
     """
 
     name: ClassVar[str]
@@ -174,6 +176,8 @@ class Sensor:
     sigma_ending: ClassVar[str] = "sigma"
     empty: ClassVar[str] = "leave the cell empty if it was not read"
     blank: ClassVar[Sequence[float]] = (0.0,)
+    mark: ClassVar[str] = ""
+    line: ClassVar[str] = ""
 
     def look(self, view: View, values: Matrix) -> Look:
         """Residual and derivatives at one state."""
@@ -182,6 +186,26 @@ class Sensor:
     def read(self, view: View) -> Matrix:
         """What it reads without noise, as readings keep it, (n, stored)."""
         raise NotImplementedError
+
+    def predicted(self, view: View) -> Matrix:
+        """Where the robot has what is read, as a point of the measuring frame, (n, 3), [m]; nan where it has it nowhere."""
+        return view.p
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """Where readings (n, stored) have it, (n, 3), [m]; what they do not say is taken from the prediction."""
+        return self.predicted(view)
+
+    def axes(self, values: Matrix) -> Array3 | None:
+        """The target's axes as readings have them, (n, 3, 3); None where they say nothing of them."""
+        return None
+
+    def looks_from(self, view: View) -> Matrix | None:
+        """Where the line to the target begins, (n, 3), [m]; None where nothing looks at it."""
+        return None
+
+    def normals(self, view: View) -> Matrix | None:
+        """Normals of the planes that the target touches, (n, 3); None where it touches none."""
+        return None
 
     def disturbed(self, values: Matrix, draw: Draw) -> Matrix:
         """What it reads with noise, (n, stored); `draw` gives noise of a shape, each number with the sensor's standard deviation."""

@@ -13,7 +13,7 @@ covariance for a prior, so that a slightly wrong screen calibration does not bec
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -120,6 +120,12 @@ class Beams:
         with np.errstate(invalid="ignore"):
             return np.asarray((self.length > 0) & np.isfinite(self.length))
 
+    @property
+    def meets_plainly(self) -> Mask:
+        """Which of them meet the screen at no grazing angle, so that it can be seen where, (n, lasers)."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.meets & (np.abs(self.direction[..., 0]) > LEAST_ZX / 10))
+
     def makes_spot(self, nearest: float = 0.0, farthest: float = np.inf) -> Mask:
         """Which of them make a spot that can be measured, within a range of lengths [m], (n, lasers): see `makes_spot`."""
         return makes_spot(self.length, self.direction, nearest, farthest)
@@ -150,6 +156,17 @@ def _beams_seen(view: View) -> tuple[Matrix, Mask, Matrix]:
     return beams.spots[:, 0], ~beams.meets[:, 0], beams.direction[:, 0]
 
 
+def _on_screen(spots: Matrix) -> Matrix:
+    """Spots (n, 2) as points of the screen's axes, (n, 3)."""
+    return np.concatenate([np.zeros((len(spots), 1)), spots], axis=1)
+
+
+def _predicted_spots(view: View) -> Matrix:
+    """Where the beams of one laser plainly meet the screen, (n, 3) in its axes, [m]; nan where they do not."""
+    beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
+    return np.where(beams.meets_plainly, _on_screen(beams.spots[:, 0]), np.nan)
+
+
 class SpotSensor(Sensor):
     """A laser's spot in metres on the screen, h = (y, z)."""
 
@@ -162,6 +179,7 @@ class SpotSensor(Sensor):
     beam = True
     endings: ClassVar[Mapping[str, Quantity]] = {"y": "length", "z": "length"}
     empty = "leave both cells of a beam empty if it was not seen"
+    mark = "spot, measured"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
@@ -171,6 +189,14 @@ class SpotSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class; also of beams that leave the screen behind them."""
         return _beams_seen(view)[0]
+
+    def predicted(self, view: View) -> Matrix:
+        """See the base class; the spot."""
+        return _predicted_spots(view)
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; on the screen."""
+        return _on_screen(values)
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""
@@ -202,6 +228,8 @@ class SpotPixelSensor(PixelSensor):
     name = "spot_pixel"
     seen_from = "screen"
     beam = True
+    mark = "spot, measured"
+    line = ""
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
@@ -225,6 +253,18 @@ class SpotPixelSensor(PixelSensor):
         """See the base class; they are looked for on the screen, where the camera has the spots."""
         return {}
 
+    def predicted(self, view: View) -> Matrix:
+        """See the base class; the spot."""
+        return _predicted_spots(view)
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; where the rays of the pixels meet the screen."""
+        T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        return _on_screen(replace(self.camera, T_camera_screen=T_camera_screen).spots_of_pixels(np.nan_to_num(values)))
+
+    def looks_from(self, view: View) -> None:
+        """None: the camera stands before the screen, not in the frame that the spots are in."""
+
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The errors of the screen's place before the camera, of all lasers alike."""
         return (Place("camera", SIX, ("m",) * 3 + ("rad",) * 3, "camera"),)
@@ -232,8 +272,7 @@ class SpotPixelSensor(PixelSensor):
 
 def _in_camera(T_camera_screen: SE3, spots: Matrix) -> Matrix:
     """Spots (n, 2) on the screen as points in camera axes, (n, 3)."""
-    on_screen = np.concatenate([np.zeros((len(spots), 1)), spots], axis=1)
-    return np.asarray(on_screen @ T_camera_screen.rotation.T + T_camera_screen.translation)
+    return np.asarray(_on_screen(spots) @ T_camera_screen.rotation.T + T_camera_screen.translation)
 
 
 def screen_before(T_camera_screen: SE3, errors: Vector) -> tuple[SE3, Matrix]:

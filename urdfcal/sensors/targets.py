@@ -47,6 +47,8 @@ class PointSensor(Sensor):
     drawn = "measured points"
     endings: ClassVar[Mapping[str, Quantity]] = {"x": "length", "y": "length", "z": "length"}
     anywhere = True
+    mark = "point, measured"
+    line = "line of sight"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
@@ -55,6 +57,14 @@ class PointSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class."""
         return view.p
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; any of the three may be missing."""
+        return np.where(np.isnan(values), view.p, values)
+
+    def looks_from(self, view: View) -> Matrix:
+        """The tracker."""
+        return np.zeros_like(view.p)
 
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Any of the three may be missing."""
@@ -104,6 +114,10 @@ class OrientationSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class."""
         return _quaternions(view.R)
+
+    def axes(self, values: Matrix) -> Array3:
+        """See the base class."""
+        return matrices(values)
 
     def disturbed(self, values: Matrix, draw: Draw) -> Matrix:
         """See the base class; the target is turned about each of the measuring frame's axes."""
@@ -170,13 +184,13 @@ class DistanceSensor(Sensor):
     endings: ClassVar[Mapping[str, Quantity]] = {"distance": "length"}
     anywhere = True
     seen_from = "places"
+    mark = "target, at the measured distance"
+    line = "wire"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
-        apart = view.p - view.place
-        length = np.maximum(np.linalg.norm(apart, axis=1), _LEAST_DISTANCE)[:, None]
-        along = (apart / length)[:, None]
-        return Look(values - length, along @ point_jacobian(view.p), -along)
+        along, length = _from_place(view)
+        return Look(values - length, along[:, None] @ point_jacobian(view.p), -along[:, None])
 
     def read(self, view: View) -> Matrix:
         """See the base class."""
@@ -185,6 +199,15 @@ class DistanceSensor(Sensor):
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""
         return wrong_lengths("distances")
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; as far from the end of the wire as was read."""
+        along, length = _from_place(view)
+        return np.asarray(view.p + along * (values - length))
+
+    def looks_from(self, view: View) -> Matrix:
+        """The end of the wire."""
+        return view.place
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""
@@ -207,6 +230,13 @@ class DistanceSensor(Sensor):
         return (Place(f"{target}:wire", ("x", "y", "z"), ("m", "m", "m")),)
 
 
+def _from_place(view: View) -> tuple[Matrix, Matrix]:
+    """Unit vectors (n, 3) from a wire's end to its target, and how long the wire is, (n, 1), [m]."""
+    apart = view.p - view.place
+    length = np.maximum(np.linalg.norm(apart, axis=1), _LEAST_DISTANCE)[:, None]
+    return apart / length, length
+
+
 class PlaneSensor(Sensor):
     """A probe's tip on a plane n . p = d: 0 = h = n . p - d, with n = (n0 + t1 tilt_1 + t2 tilt_2) / |...|."""
 
@@ -216,12 +246,13 @@ class PlaneSensor(Sensor):
     endings: ClassVar[Mapping[str, Quantity]] = {"plane": "label"}
     touches = True
     seen_from = "places"
+    mark = "touch, on its plane"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
         lean = np.concatenate([np.ones((len(view.p), 1)), view.place[:, :2]], axis=1)
         long = np.linalg.norm(lean, axis=1)[:, None]
-        n = np.einsum("nij,nj->ni", view.axes, lean / long)
+        n = self.normals(view)
         height = np.sum(n * view.p, axis=1, keepdims=True)
         tilted = (view.axes[:, :, 1:] - n[:, :, None] * (lean / long)[:, None, 1:]) / long[:, None]
         by_tilt = np.einsum("ni,nij->nj", view.p, tilted)
@@ -255,6 +286,16 @@ class PlaneSensor(Sensor):
             found[f"plane:{label}"] = FoundPlace(np.array([0.0, 0.0, float(axes[:, 0] @ point)]), axes)
         return found
 
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; the foot on the plane."""
+        n = self.normals(view)
+        return np.asarray(view.p + n * (view.place[:, 2:] - np.sum(n * view.p, axis=1, keepdims=True)))
+
+    def normals(self, view: View) -> Matrix:
+        """See the base class."""
+        lean = np.concatenate([np.ones((len(view.p), 1)), view.place[:, :2]], axis=1)
+        return np.asarray(np.einsum("nij,nj->ni", view.axes, lean / np.linalg.norm(lean, axis=1)[:, None]))
+
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The planes."""
         return tuple(Place(f"plane:{label}", ("tilt_1", "tilt_2", "offset"), ("rad", "rad", "m")) for label in labels)
@@ -271,6 +312,7 @@ class SocketSensor(Sensor):
     endings: ClassVar[Mapping[str, Quantity]] = {"socket": "label"}
     touches = True
     seen_from = "places"
+    mark = "socket, where its touches meet"
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
@@ -292,6 +334,10 @@ class SocketSensor(Sensor):
     def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
         """See the base class."""
         return {f"socket:{label}": FoundPlace(point) for label, point in zip(labels, points, strict=False)}
+
+    def shown(self, view: View, values: Matrix) -> Matrix:
+        """See the base class; the socket itself."""
+        return view.place
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The sockets' points."""
