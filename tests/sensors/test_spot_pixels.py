@@ -21,7 +21,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.measurements import Measurements, as_spots, measurements_from
+from urdfcal.sensors.measurements import Measurements, as_measured, as_spots, measurements_from
 from urdfcal.sensors.measurements_csv import measurements_csv, read_measurements
 from urdfcal.sensors.readings import Readings
 from urdfcal.simulation.readings import true_spots
@@ -53,6 +53,18 @@ def in_pixels(robot: Robot, camera: Camera, rng: np.random.Generator, poses: int
     readings = tuple(Readings("spot_pixel", laser, laser, pixels[:, index], blank, none) for index, laser in enumerate(robot.rig.lasers))
     data = measurements_from(robot, q, np.full((poses, 2, 2), np.nan))
     return replace(data, camera=camera, readings=readings), dict(zip(errors.names, x.tolist(), strict=True))
+
+
+def test_a_pixel_is_shown_where_its_ray_meets_the_screen(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:
+    """Wherever the screen stands before the camera: what is read without noise is shown at the predicted spot."""
+    data, _ = in_pixels(robots["panda"], camera, rng, 8)
+    errors = build_error_model(robots["panda"].chain, as_measured(robots["panda"], data).rig)
+    problem = Problem(errors, data)
+    x = np.where([name.startswith("camera.") for name in errors.names], 2e-3, 0.0)
+    for channel, view in zip(problem.channels, problem.views(x), strict=True):
+        spots = channel.sensor.shown(view, channel.sensor.read(view))
+        np.testing.assert_allclose(spots, channel.sensor.predicted(view), atol=1e-9)
+        assert view.place.all()
 
 
 def test_pixels_have_the_derivatives_of_their_differences(robots: dict[str, Robot], camera: Camera, rng: np.random.Generator) -> None:
@@ -145,7 +157,7 @@ def test_a_calibration_shows_itself_with_the_camera_that_it_found(
     ]
     np.testing.assert_allclose(np.mean(off, axis=1), [found.after[f"laser_{laser + 1} pixels"].mean for laser in range(2)], rtol=1e-6)
     metres_per_px = 3.0 / 900
-    assert np.nanmean(scene.errors_mm(scene.after)) < 1.5 * np.mean(off) * metres_per_px * 1e3
+    assert np.mean([row.means[1] for row in scene.compared]) < 1.5 * np.mean(off) * metres_per_px * 1e3
 
 
 def test_the_corrected_camera_knows_how_well_its_screen_is_known(

@@ -155,7 +155,7 @@ class Sensor:
         sigma_ending: Of the column that states the noise of each reading; the empty string for none.
         empty: What to do with the cells of a reading that was not made.
         blank: Something harmless to compute with where nothing was read, (stored,).
-        mark: What the mark of a reading is called in the view.
+        mark: What the mark of a reading is called in the view; the empty string for readings that say nothing of a place.
         line: What the line from `looks_from` to it is called there; the empty string where there is none.
     """
 

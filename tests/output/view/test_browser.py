@@ -21,7 +21,7 @@ from tests.support.sensor_cases import SensorCase, setup_of
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.reach import ScreenArea, draw_poses
-from urdfcal.output.view.scene import frame_placements
+from urdfcal.output.view.placed import frame_placements
 from urdfcal.output.view.viewer import View, view_of
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot, robot_from
@@ -44,11 +44,11 @@ LEGEND = {  # words of the legend, and the box that belongs to them
     "ghost": "nominal",
     "nominal beams": "screen/pose/nominal_beam_1",
     "beams": "screen/pose/beam_1",
-    "measured": "screen/spots/measured",
-    "nominal": "screen/spots/nominal",
-    "calibrated": "screen/spots/calibrated",
-    "shift": "screen/spots/shift",
-    "error": "screen/spots/error",
+    "measured": "screen/marks/measured",
+    "nominal": "screen/marks/nominal",
+    "calibrated": "screen/marks/calibrated",
+    "shift": "screen/marks/shift",
+    "error": "screen/marks/error",
 }
 Mask = npt.NDArray[np.bool_]
 
@@ -289,7 +289,7 @@ def test_the_animation_goes_from_pose_to_pose(browser: Browser, arm7_page: Path,
             assert np.linalg.norm(np.column_stack([columns, rows]) - spots[laser], axis=1).min() < 5
         assert browser.run("document.getElementById('pose').selectedOptions[0].textContent") == scene.data.poses[pose]
         said = browser.run("[0, 1].map(laser => document.getElementById(`error-${laser}-0`).textContent)")
-        np.testing.assert_allclose([float(word) for word in said], scene.errors_mm(scene.before)[pose], atol=0.06)
+        np.testing.assert_allclose([float(word) for word in said], [row.phases[0][pose] for row in scene.compared], atol=0.06)
 
 
 def test_a_pose_can_be_chosen_by_its_label(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
@@ -357,7 +357,7 @@ def test_targets_are_where_they_were_read(browser: Browser, robots: dict[str, Ro
     pin.framesForwardKinematics(scene.solid.model, frames, whole_configurations(scene.solid, data.q[:1])[0])
     link = frames.oMf[scene.solid.model.getFrameId("tool0", pin.FrameType.BODY)]
     q = whole_configurations(scene.solid, data.q)
-    on_link = link.actInv(frame_placements(scene.targets[1], q, data.q)[0].act(scene.marks[0].predicted[0]))
+    on_link = link.actInv(frame_placements(scene.placed[1], q, data.q)[0].act(scene.groups["frame"].marks[0].predicted[0]))
     placed = []
     for configuration in q:
         pin.framesForwardKinematics(scene.solid.model, frames, configuration)

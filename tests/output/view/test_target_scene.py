@@ -21,8 +21,9 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import evaluate
 from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.output.view.key_frames import MOST_POSES, key_frames
-from urdfcal.output.view.scene import Mark, Scene, frame_placements
-from urdfcal.output.view.target_marks import arrows, balls, crosses
+from urdfcal.output.view.meshes import FLAT, ROUND, arrows, balls, crosses, disc, ring
+from urdfcal.output.view.placed import Mark, frame_placements
+from urdfcal.output.view.scene import MarkGroup, Scene
 from urdfcal.output.view.viewer import view_of
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.rig import Grid
@@ -59,6 +60,11 @@ def vision_camera() -> Camera:
     return Camera((1280, 960), matrix, np.zeros(5), "plain", pin.SE3(axes, np.array([0.1, -0.1, 3.0])))
 
 
+def targets(scene: Scene) -> MarkGroup:
+    """The marks in the measuring frame."""
+    return scene.groups["frame"]
+
+
 def there(mark: Mark, places: Matrix) -> Matrix:
     """Of places (n, 3) those of poses at which something was read."""
     return np.asarray(places[~np.isnan(mark.read[:, 0])])
@@ -67,13 +73,15 @@ def there(mark: Mark, places: Matrix) -> Matrix:
 @pytest.mark.parametrize("name", DRAWN)
 def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """With the robot that made the measurements every prediction is the reading; the nominal one's are millimetres off."""
-    scene = drawn(*seen(name, robots, rng))
-    assert {mark.kind for mark in scene.marks} == {each.sensor for each in scene.data.readings if not each.kind.beam}
-    for index, mark in enumerate(scene.marks):
-        np.testing.assert_allclose(there(mark, mark.predicted), there(mark, mark.read), atol=2e-6)
-        before = np.linalg.norm(there(mark, scene.shifted(0, index) - mark.read), axis=1)
-        assert before.max() < 0.1
-        assert not mark.is_point or before.mean() > 1e-4
+    robot, data, true = seen(name, robots, rng)
+    scene = drawn(robot, data, true)
+    assert [(mark.sensor.name, mark.target) for mark in scene.placed[1].marks] == [(own.sensor, own.target) for own in data.readings]
+    for group in scene.groups.values():
+        for index, mark in enumerate(group.marks):
+            np.testing.assert_allclose(there(mark, mark.predicted), there(mark, mark.read), atol=2e-6)
+            before = np.linalg.norm(there(mark, group.shifted(0, index) - mark.read), axis=1)
+            assert mark.on_screen or before.max() < 0.1
+            assert not mark.is_point or np.nanmean(before) > 1e-4
     assert all(np.nanmean(row.phases[1]) < 0.05 * np.nanmean(row.phases[0]) for row in scene.compared)
 
 
@@ -109,8 +117,9 @@ def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: n
     scene = drawn(robot, data)
     whole = whole_configurations(scene.robot, data.q)
     frames = robot.model.createData()
-    placed = frame_placements(scene.targets[0], whole, data.q)
-    for mark, readings in zip(scene.marks, [each for each in data.readings if not each.kind.beam], strict=True):
+    placed = frame_placements(scene.placed[0], whole, data.q)
+    marks = [mark for mark in scene.placed[0].marks if not mark.on_screen]
+    for mark, readings in zip(marks, [each for each in data.readings if not each.kind.beam], strict=True):
         on_link = []
         for q, T_root_frame, p in zip(whole, placed, mark.predicted, strict=True):
             pin.framesForwardKinematics(robot.model, frames, q)
@@ -123,18 +132,18 @@ def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, R
     """A ball is at the read point, at the read distance from the wire's end, on the plane, or in the one socket that was touched."""
     robot, data, _ = seen("every kind", robots, rng)
     scene = drawn(robot, data)
-    for mark, readings in zip(scene.marks, [each for each in data.readings if not each.kind.beam], strict=True):
+    for mark, readings in zip(targets(scene).marks, [each for each in data.readings if not each.kind.beam], strict=True):
         read = there(mark, mark.read)
-        if mark.kind == "point" and readings.target.startswith("tool0"):
+        if mark.sensor.name == "point" and readings.target.startswith("tool0"):
             np.testing.assert_allclose(read, readings.values[readings.seen])
-        elif mark.kind == "distance":
-            np.testing.assert_allclose(np.linalg.norm(read - mark.fixed, axis=1), readings.values[readings.seen, 0])
-        elif mark.kind == "plane":
+        elif mark.sensor.name == "distance":
+            np.testing.assert_allclose(np.linalg.norm(read - there(mark, mark.start), axis=1), readings.values[readings.seen, 0])
+        elif mark.sensor.name == "plane":
             labels = readings.labels[readings.seen]
-            for plane in scene.targets[-1].planes:
-                off = (read[labels == plane.label] - plane.point) @ np.cross(*plane.along)
+            for plane in scene.placed[-1].planes:
+                off = (read[labels == plane.label] - plane.feet[0]) @ plane.normal
                 np.testing.assert_allclose(off, 0.0, atol=1e-12)
-        elif mark.kind == "socket":
+        elif mark.sensor.name == "socket":
             assert len(np.unique(np.round(read, 9), axis=0)) == len(readings.touched)
 
 
@@ -148,14 +157,14 @@ def test_pixels_are_drawn_as_spots_and_on_rays(robots: dict[str, Robot], rng: np
     spots = tuple(Readings("spot_pixel", laser, laser, rng.uniform(400, 700, (n, 2)), blank, none) for laser in robot.rig.lasers)
     scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene
     np.testing.assert_allclose(scene.data.spots[:, 1], camera.spots_of_pixels(spots[1].values))
-    assert scene.marks == ()
+    assert list(scene.groups) == ["screen"]
     pixels = [np.tile((500.0, 400.0), (n, 1)) + 40 * np.array(divmod(k, 4)[::-1]) + rng.normal(0, 3, (n, 2)) for k in range(grid.corners)]
     corners = tuple(Readings("pixel", f"slm:{k}", "slm", own, blank, none) for k, own in enumerate(pixels))
     board = replace(bare, readings=corners, camera=camera, boards={"slm": grid}, reference="panda_link0")
     scene = drawn(as_measured(robot, board), board)
     assert [row.name for row in scene.compared] == ["slm pixels"]
-    assert (len(scene.marks), len(scene.moving)) == (12, 4)
-    for mark, own in zip(scene.marks, pixels, strict=True):
+    assert (len(targets(scene).marks), len(targets(scene).moving)) == (12, 4)
+    for mark, own in zip(targets(scene).marks, pixels, strict=True):
         ahead = mark.read[:, 2] > 0
         np.testing.assert_allclose(camera.project(mark.read[ahead]), own[ahead], atol=1e-6)
 
@@ -165,7 +174,7 @@ def test_missing_readings_are_not_drawn(robots: dict[str, Robot], rng: np.random
     robot, data, true = seen("pose", robots, rng, 8)
     holes = np.arange(8) == 2
     view = view_of(robot, replace(data, readings=tuple(each.without(holes) for each in data.readings)), true)
-    assert [int(np.isnan(mark.read[:, 0]).sum()) for mark in view.scene.marks] == [1, 1]
+    assert [int(np.isnan(mark.read[:, 0]).sum()) for mark in targets(view.scene).marks] == [1, 1]
     scene, config = (re.search(f'id="urdfcal-{name}">([^<]*)<', view.html) for name in ("scene", "config"))
     assert scene
     assert config
@@ -209,8 +218,8 @@ def test_a_screen_that_is_not_used_is_not_drawn(robots: dict[str, Robot], rng: n
     assert "screen" not in view_of(robot, data).shapes.links
 
 
-def test_balls_crosses_and_arrows_have_the_size_that_is_asked_for(rng: np.random.Generator) -> None:
-    """Balls lie on their spheres, crosses reach out of them, arrows end at their tips."""
+def test_marks_and_arrows_have_the_size_that_is_asked_for(rng: np.random.Generator) -> None:
+    """Balls lie on their spheres, crosses reach out of them, arrows end at their tips; what is flat has one x."""
     centres = rng.normal(0, 1, (5, 3))
     vertices = balls(0.02, centres).vertices.reshape(5, -1, 3)
     np.testing.assert_allclose(np.linalg.norm(vertices - centres[:, None], axis=2), 0.02, rtol=1e-4)
@@ -218,19 +227,25 @@ def test_balls_crosses_and_arrows_have_the_size_that_is_asked_for(rng: np.random
         arms = crosses(0.02, centres, tilted).vertices.reshape(5, -1, 3) - centres[:, None]
         assert np.linalg.norm(arms, axis=2).max() > 0.04
     tips = centres + rng.normal(0, 0.1, (5, 3))
-    points = arrows(centres, tips, 0.005).vertices.reshape(5, -1, 3)
-    np.testing.assert_allclose(points[:, -1], tips, atol=1e-6)
-    np.testing.assert_allclose(points[:, :6].mean(axis=1), centres, atol=1e-6)
+    for shape, flat in ((ROUND, (1, 1, 1)), (FLAT, (0, 1, 1))):
+        points = arrows(shape, centres * flat, tips * flat, 0.005).vertices.reshape(5, -1, 3)
+        np.testing.assert_allclose(points[:, -1], tips * flat, atol=1e-6)
+        np.testing.assert_allclose(points[:, : len(shape.rim)].mean(axis=1), centres * flat, atol=1e-6)
+        assert flat[0] or not points[..., 0].any()
+    for mesh, radii in ((disc(0.02, centres), (0.0, 0.02)), (ring(0.02, centres), (0.029, 0.039))):
+        off = mesh.vertices.reshape(5, -1, 3) - centres[:, None]
+        np.testing.assert_allclose(np.linalg.norm(off, axis=2)[:, [0, -1]], np.tile(radii, (5, 1)), atol=1e-6)
+        np.testing.assert_allclose(off[..., 0], 0.0, atol=1e-6)
 
 
 def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Millimetres are drawn a few times longer, hundredths many times; what is asked for is done."""
     robot, data, true = seen("point", robots, rng)
     before, after = drawn(robot, data), drawn(robot, data, true)
-    assert before.target_magnification <= 20 < after.target_magnification
-    assert replace(after, magnify=3).target_magnification == 3
-    longest = max(np.nanmax(np.linalg.norm(mark.predicted - mark.read, axis=1)) for mark in before.marks)
-    assert before.most_magnification == pytest.approx(before.width / longest)
+    assert targets(before).magnification <= 20 < targets(after).magnification
+    assert targets(replace(after, magnify=3)).magnification == 3
+    longest = max(np.nanmax(np.linalg.norm(mark.predicted - mark.read, axis=1)) for mark in targets(before).marks)
+    assert before.most_magnification == pytest.approx(targets(before).size / longest)
 
 
 def test_the_command_shows_targets(run_cli, robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
@@ -268,7 +283,7 @@ def test_a_robot_that_nothing_measures_is_shown_alone(example_robots: Path) -> N
     """A URDF without lasers and without measurements: one pose within the limits, and the robot."""
     robot = load_robot(example_robots / "panda_description" / "urdf" / "panda.urdf")
     view = view_of(robot)
-    assert (len(view.scene.data), view.scene.compared, view.scene.marks) == (1, (), ())
+    assert (len(view.scene.data), view.scene.compared, view.scene.groups) == (1, (), {})
     assert "panda_link0" in view.shapes.links
     assert "1 pose, nothing measured" in view.html
     assert "screen" not in re.findall(r'data-paths="([^"]*)"', view.html)

@@ -30,9 +30,10 @@ from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.output.view.key_frames import MOST_POSES, key_frames
-from urdfcal.output.view.meshcat_parts import umsgpack
-from urdfcal.output.view.motion import mirror
-from urdfcal.output.view.scene import Scene, beams_of, screen_placements
+from urdfcal.output.view.motion import mirror, turns_from_z
+from urdfcal.output.view.placed import placed_robot, screen_placements
+from urdfcal.output.view.recorder import umsgpack
+from urdfcal.output.view.scene import Scene
 from urdfcal.output.view.shapes import robot_shapes
 from urdfcal.output.view.viewer import View, view_of
 from urdfcal.robot.configurations import joint_limits, whole_configurations
@@ -82,12 +83,13 @@ def test_beams_are_those_of_the_whole_robot(robots: dict[str, Robot], name: str,
     robot = robots[name]
     lower, upper = joint_limits(robot)
     q = rng.uniform(lower, upper, (5, len(lower)))
-    beams, whole = beams_of(robot, q), whole_configurations(robot, q)
-    data = robot.model.createData()
+    data = measurements_from(robot, q, np.full((5, len(robot.rig.lasers), 2), np.nan))
+    beams, whole = placed_robot(robot, data).beams(q), whole_configurations(robot, q)
+    frames = robot.model.createData()
     for pose, (placed, configuration) in enumerate(zip(screen_placements(robot, whole), whole, strict=True)):
-        pin.framesForwardKinematics(robot.model, data, configuration)
+        pin.framesForwardKinematics(robot.model, frames, configuration)
         for laser, link in enumerate(robot.rig.lasers):
-            T_screen_laser = placed.actInv(data.oMf[robot.model.getFrameId(link, pin.FrameType.BODY)])
+            T_screen_laser = placed.actInv(frames.oMf[robot.model.getFrameId(link, pin.FrameType.BODY)])
             np.testing.assert_allclose(beams.source[pose, laser], T_screen_laser.translation, atol=1e-12)
             np.testing.assert_allclose(beams.direction[pose, laser], T_screen_laser.rotation[:, 2], atol=1e-12)
 
@@ -97,9 +99,9 @@ def test_the_true_robot_is_drawn_with_its_rings_around_the_discs(robots: dict[st
     """With the robot that made the measurements the predicted spots are the measured ones, and the nominal ones are not."""
     data, corrected = measured(robots[name])
     scene = Scene(robots[name], corrected, data)
-    assert scene.after is not None
-    assert np.nanmax(scene.errors_mm(scene.after)) < 1e-6
-    assert np.nanmin(scene.errors_mm(scene.before)) > 1.0
+    for row in scene.compared:
+        assert np.nanmax(row.phases[1]) < 1e-6
+        assert np.nanmin(row.phases[0]) > 1.0
     assert scene.sheet.holds(data.spots).all()
 
 
@@ -190,6 +192,16 @@ def test_mirrored_meshes_turn_with_their_links(signs: tuple[int, ...], rng: np.r
     np.testing.assert_allclose(rotation * mirror(scale) * lengths, matrix, atol=1e-12)
 
 
+def test_marks_turn_to_where_they_point(rng: np.random.Generator) -> None:
+    """Whatever is drawn along z is turned to its direction by the shortest way; opposite ones about x, so that what is flat stays flat."""
+    directions = np.concatenate([rng.normal(0, 1, (20, 3)), 2 * np.eye(3), -np.eye(3), [[0, 1e-7, -1]], np.zeros((1, 3))])
+    turns = [pin.Quaternion(*np.roll(turn, 1)).toRotationMatrix() for turn in turns_from_z(directions)]
+    for direction, turn in zip(directions[:-1], turns, strict=False):
+        np.testing.assert_allclose(turn[:, 2], direction / np.linalg.norm(direction), atol=1e-7)
+        assert direction[0] or abs(turn[0, 0]) == pytest.approx(1)
+    np.testing.assert_allclose(turns[-1], np.eye(3))
+
+
 def test_the_animation_holds_every_pose_and_moves_straight_in_joint_space(small_view: View) -> None:
     """At time k stands pose k; times rise; half way between two poses the joints are half way."""
     keys, data = key_frames(small_view.scene), small_view.scene.data
@@ -216,11 +228,12 @@ def test_of_very_many_poses_the_worst_are_animated() -> None:
 def test_arrows_are_not_longer_than_the_screen(robots: dict[str, Robot]) -> None:
     """By default errors of a fit are drawn 20 times longer, large ones less; what is asked for is done."""
     data, corrected = measured(robots["arm7"], 20)
-    assert Scene(robots["arm7"], corrected, data).magnification == 20
+    assert Scene(robots["arm7"], corrected, data).groups["screen"].magnification == 20
     large = Scene(robots["arm7"], None, data)
-    assert large.magnification < 20
-    assert np.nanquantile(large.errors_mm(large.before), 0.9) * large.magnification < 250 * large.sheet.size + 1e-9
-    assert Scene(robots["arm7"], None, data, 7).magnification == 7
+    magnification = large.groups["screen"].magnification
+    assert magnification < 20
+    assert np.nanquantile([row.phases[0] for row in large.compared], 0.9) * magnification < 250 * large.sheet.size + 1e-9
+    assert Scene(robots["arm7"], None, data, 7).groups["screen"].magnification == 7
 
 
 def test_arrows_longer_than_the_scene_are_said(robots: dict[str, Robot]) -> None:
@@ -232,7 +245,7 @@ def test_arrows_longer_than_the_scene_are_said(robots: dict[str, Robot]) -> None
         *warned.warnings,
     )
     assert found
-    longest = np.nanmax(warned.scene.errors_mm(warned.scene.before)) / 1e3
+    longest = np.nanmax([row.phases[0] for row in warned.scene.compared]) / 1e3
     assert float(found[1]) == pytest.approx(5000 * longest / warned.scene.sheet.size, abs=0.06)
     assert longest * float(found[2]) <= warned.scene.sheet.size < longest * 2 * float(found[2])
     assert view_of(robots["arm7"], data, magnify=float(found[2])).warnings == ()
@@ -307,10 +320,9 @@ def test_a_calibration_shows_itself(robots: dict[str, Robot], tmp_path: Path) ->
     stored = urdfcal.load_calibration(tmp_path / "c.yaml")
     assert repr(stored) == f"<StoredCalibration {tmp_path / 'c.yaml'}: {', '.join(stored.corrections)}>"
     for scene in (calibration.show().scene, stored.show(robot, calibration.data).scene):
-        assert scene.after is not None
-        for beams, table in ((scene.before, calibration.before), (scene.after, calibration.after)):
-            means = np.nanmean(scene.errors_mm(beams), axis=0)
-            np.testing.assert_allclose(means, [table[laser].mean for laser in scene.data.lasers], atol=1e-6)
+        for row in scene.compared:
+            means = (calibration.before[row.name].mean, calibration.after[row.name].mean)
+            np.testing.assert_allclose(row.means, means, atol=1e-6)
     assert len(stored.show(robot).scene.data) == 1
 
 

@@ -8,16 +8,9 @@ import numpy as np
 
 from urdfcal.base.geometry import MM
 from urdfcal.output.view.key_frames import Rows
-from urdfcal.output.view.marks import CALIBRATED, ERROR, FAINT_OPACITY, FAINT_WIDTH, GRID, MEASURED, MISSING, NOMINAL, SHEET, beam_colour
-from urdfcal.output.view.scene import FINE, Scene
-
-_READ = {  # what the balls are
-    "point": "point, measured",
-    "pixel": "target, on the ray of its pixel",
-    "socket": "socket, where its touches meet",
-    "plane": "touch, on its plane",
-    "distance": "target, at the measured distance",
-}
+from urdfcal.output.view.marks import CALIBRATED, ERROR, MEASURED, NOMINAL, PLANE
+from urdfcal.output.view.scene import MarkGroup, Scene
+from urdfcal.output.view.screen import FAINT_OPACITY, FAINT_WIDTH, FINE, GRID, MISSING, SHEET, beam_colour
 
 BEAM = 3.0  # [px] width of a beam
 
@@ -63,99 +56,87 @@ def layers(scene: Scene) -> list[Layer]:
     found = [Layer(Swatch("robot", "#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
     if both:
         found.append(Layer(Swatch("robot", css(NOMINAL), opacity=0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
-    return found + (_laser_layers(scene, both) if scene.data.lasers else []) + (_target_layers(scene, both) if scene.targets else [])
+    for frame, group in scene.groups.items():
+        found += _screen_layers(scene, both) if frame == "screen" else _frame_layers(scene, group)
+        found += _mark_layers(group, both)
+        found += _axes_layers(group, len(scene.data) > 1)
+    return found
 
 
 def _shared(scene: Scene) -> str:
     """What stands at the same place for both robots."""
-    if scene.data.lasers:
+    if "screen" in scene.groups:
         return "before the same screen"
     reference = scene.solid.rig.screen
     return "on the same base" if reference == scene.solid.tree.root else f"with the same {reference}"
 
 
-def _laser_layers(scene: Scene, both: bool) -> list[Layer]:
-    names = scene.data.lasers
+def _screen_layers(scene: Scene, both: bool) -> list[Layer]:
+    """The sheet and the beams."""
+    lasers = scene.data.lasers
+
+    def paths(name: str) -> tuple[str, ...]:
+        return tuple(f"screen/pose/{name}_{laser + 1}" for laser in range(len(lasers)))
+
     squares = f"{scene.sheet.pitch / MM:g} and {scene.sheet.pitch / FINE / MM:g} mm"
     found = [Layer(Swatch("screen", css(GRID), css(SHEET)), f"screen, squares of {squares}", ("screen/sheet",))]
-    colours = tuple(css(beam_colour(laser)) for laser in range(min(len(names), 2)))
-    paths = _pose_paths(scene, "beam")
-    found.append(Layer(Swatch("beams", colours=colours), f"beams: {', '.join(names)}", paths))
+    colours = tuple(css(beam_colour(laser)) for laser in range(min(len(lasers), 2)))
+    found.append(Layer(Swatch("beams", colours=colours), f"beams: {', '.join(lasers)}", paths("beam")))
     if both:
         faint = Swatch("line", css(NOMINAL), opacity=FAINT_OPACITY, width=FAINT_WIDTH * BEAM)
-        found.append(Layer(faint, "beams, uncalibrated", _pose_paths(scene, "nominal_beam")))
-    missing = _pose_paths(scene, "beam_missing") + (_pose_paths(scene, "nominal_beam_missing") if both else ())
+        found.append(Layer(faint, "beams, uncalibrated", paths("nominal_beam")))
+    missing = paths("beam_missing") + (paths("nominal_beam_missing") if both else ())
     found.append(Layer(Swatch("line", css(MISSING), dashes="5 3"), "beam that misses the screen", missing))
     if len(scene.data) > 1:
         found.append(Layer(Swatch("line", css(beam_colour(0)), width=1), "beams of all poses", ("screen/beams",), shown=False))
-    return found + _spot_layers(scene, bool(scene.data.seen.any()), both)
-
-
-def _target_layers(scene: Scene, both: bool) -> list[Layer]:
-    numbers = [index + 1 for index in scene.moving if scene.marks[index].is_point]
-    turned = [index + 1 for index in scene.moving if not scene.marks[index].is_point]
-
-    def paths(name: str) -> tuple[str, ...]:
-        return (f"frame/marks/{name}", *(f"frame/pose/{name}_{number}" for number in numbers))
-
-    kinds = dict.fromkeys(mark.kind for mark in scene.marks)
-    frame = tuple(f"frame/marks/frame_{axis}" for axis in "xyz")
-    link = scene.solid.rig.instruments.reference
-    placed = scene.solid.rig.instruments.placed
-    found = [Layer(Swatch("triad"), f"measuring frame, fixed to {link}" if placed else f"frame of {link}", frame)]
-    if "plane" in kinds:
-        found.append(Layer(Swatch("robot", "#8fb8de", opacity=0.6), "planes that were touched", ("frame/marks/planes",)))
-    if (placed and {"point", "pixel"} & set(kinds)) or "distance" in kinds:
-        words = " and ".join(word for kind, word in (("point", "line of sight"), ("distance", "wire")) if kind in kinds) or "line of sight"
-        lines = tuple(f"frame/pose/line_{number}" for number in numbers)
-        found.append(Layer(Swatch("line", css(MISSING), width=1.4), words, lines))
-    if numbers:
-        words = "; ".join(_READ[kind] for kind in kinds if kind in _READ)
-        found.append(Layer(Swatch("disc", css(MEASURED)), words, paths("measured")))
-        who = "uncalibrated robot" if both else "URDF"
-        found.append(Layer(Swatch("cross", css(NOMINAL)), f"target, predicted by the {who}", paths("nominal")))
-        if both:
-            found.append(Layer(Swatch("cross", css(CALIBRATED), turn=45), "target, predicted by the calibrated robot", paths("calibrated")))
-            found.append(Layer(Swatch("line", css(NOMINAL), width=1), "error, uncalibrated, true length", ("frame/marks/shift",)))
-        found.append(
-            Layer(
-                Swatch("arrow", css(ERROR)), f"error{', calibrated' if both else ''}, {_length(scene.target_magnification)}", paths("error")
-            )
-        )
-    if turned:
-        found.append(Layer(Swatch("triad"), "measured axes", tuple(f"frame/pose/axes_{number}" for number in turned)))
-        if len(scene.data) > 1:
-            found.append(Layer(Swatch("triad"), "measured axes of all poses", ("frame/marks/axes",), shown=False))
     return found
 
 
-def _length(times: float) -> str:
-    return f"{times:g} times longer" if times != 1 else "true length"
+def _frame_layers(scene: Scene, group: MarkGroup) -> list[Layer]:
+    """The measuring frame, and what targets are measured from and against."""
+    instruments = scene.solid.rig.instruments
+    words = f"measuring frame, fixed to {instruments.reference}" if instruments.placed else f"frame of {instruments.reference}"
+    found = [Layer(Swatch("triad"), words, tuple(f"frame/marks/frame_{axis}" for axis in "xyz"))]
+    if any(mark.normals is not None for mark in group.marks):
+        found.append(Layer(Swatch("robot", css(PLANE), opacity=0.6), "planes that were touched", ("frame/marks/planes",)))
+    lines = sorted({mark.sensor.line for mark in group.marks if mark.sensor.line})
+    if lines:
+        looked = tuple(f"frame/pose/line_{index + 1}" for index in group.moving if group.marks[index].start is not None)
+        found.append(Layer(Swatch("line", css(MISSING), width=1.4), " and ".join(lines), looked))
+    return found
 
 
-def _spot_layers(scene: Scene, measured: bool, both: bool) -> list[Layer]:
+def _mark_layers(group: MarkGroup, both: bool) -> list[Layer]:
+    """What was read, where robots have it, and the errors."""
+    numbers = [index + 1 for index in group.moving if group.marks[index].is_point]
+    if not numbers:
+        return []
+
     def paths(name: str) -> tuple[str, ...]:
-        return (f"screen/spots/{name}", *_pose_paths(scene, name))
+        return (f"{group.frame}/marks/{name}", *(f"{group.frame}/pose/{name}_{number}" for number in numbers))
 
-    found = []
-    if measured:
-        found.append(Layer(Swatch("disc", css(MEASURED)), "spot, measured", paths("measured")))
-    found.append(
-        Layer(Swatch("ring", css(NOMINAL)), "spot, predicted by the " + ("uncalibrated robot" if both else "URDF"), paths("nominal"))
-    )
+    what, shape, turn = ("spot", "ring", 0) if group.frame == "screen" else ("target", "cross", 45)
+    words = "; ".join(dict.fromkeys(mark.sensor.mark for mark in group.marks if mark.is_point))
+    who = "uncalibrated robot" if both else "URDF"
+    measured = [Layer(Swatch("disc", css(MEASURED)), words, paths("measured"))]
+    predicted = [Layer(Swatch(shape, css(NOMINAL)), f"{what}, predicted by the {who}", paths("nominal"))]
+    shift = []
     if both:
-        found.append(Layer(Swatch("ring", css(CALIBRATED)), "spot, predicted by the calibrated robot", paths("calibrated")))
-    if measured and both:
-        found.append(Layer(Swatch("line", css(NOMINAL), width=1), "error, uncalibrated, true length", ("screen/spots/shift",)))
-    if measured:
-        found.append(
-            Layer(Swatch("arrow", css(ERROR)), f"error{', calibrated' if both else ''}, {_length(scene.magnification)}", paths("error"))
-        )
-    return found
+        calibrated = Swatch(shape, css(CALIBRATED), turn=turn)
+        predicted.append(Layer(calibrated, f"{what}, predicted by the calibrated robot", paths("calibrated")))
+        shift = [Layer(Swatch("line", css(NOMINAL), width=1), "error, uncalibrated, true length", (f"{group.frame}/marks/shift",))]
+    length = f"{group.magnification:g} times longer" if group.magnification != 1 else "true length"
+    error = Layer(Swatch("arrow", css(ERROR)), f"error{', calibrated' if both else ''}, {length}", paths("error"))
+    return [*measured, *predicted, *shift, error] if not np.isnan(group.read).all() else predicted
 
 
-def _pose_paths(scene: Scene, name: str) -> tuple[str, ...]:
-    return tuple(f"screen/pose/{name}_{laser + 1}" for laser in range(len(scene.data.lasers)))
+def _axes_layers(group: MarkGroup, several: bool) -> list[Layer]:
+    """The measured axes of orientations."""
+    turned = tuple(f"{group.frame}/pose/axes_{index + 1}" for index in group.moving if group.marks[index].axes is not None)
+    if not turned:
+        return []
+    every = Layer(Swatch("triad"), "measured axes of all poses", (f"{group.frame}/marks/axes",), shown=False)
+    return [Layer(Swatch("triad"), "measured axes", turned), *([every] if several else [])]
 
 
 @dataclass(frozen=True)
@@ -212,7 +193,7 @@ def panel_of(scene: Scene, shown: int) -> Panel:
 
 
 def _count(scene: Scene) -> str:
-    return scene.data.summary if scene.targets else f"{int(scene.data.seen.sum())} measured spots"
+    return f"{int(scene.data.seen.sum())} measured spots" if scene.data.only_spots else scene.data.summary
 
 
 def pose_entries(scene: Scene, rows: Rows) -> list[dict[str, object]]:
@@ -241,7 +222,7 @@ def _errors(scene: Scene) -> ErrorTable:
         for compared in scene.compared
     )
     return ErrorTable(
-        "From measured to predicted" if scene.targets else "Distance from measured to predicted spot",
+        "Distance from measured to predicted spot" if scene.data.only_spots else "From measured to predicted",
         ("this pose", "mean of all") if several else ("this pose",),
         ("before", "after") if scene.calibrated is not None else ("error",),
         tuple(rows),

@@ -16,13 +16,14 @@ from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
-from urdfcal.output.view.marks import NOMINAL, draw_all_beams, draw_sheet, draw_spots
-from urdfcal.output.view.meshcat_parts import VIEWER_SCRIPT, MeshcatVisualizer, loadMesh
-from urdfcal.output.view.motion import draw_motion, draw_pose_marks
-from urdfcal.output.view.recorder import Recorder
-from urdfcal.output.view.scene import Scene, Sheet, frame_placements, screen_placements
+from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks
+from urdfcal.output.view.meshes import on_screen
+from urdfcal.output.view.motion import draw_motion
+from urdfcal.output.view.placed import frame_placements, screen_placements
+from urdfcal.output.view.recorder import VIEWER_SCRIPT, MeshcatVisualizer, Recorder, loadMesh
+from urdfcal.output.view.scene import Frame, Scene
+from urdfcal.output.view.screen import Sheet, draw_all_beams, draw_pose_beams, draw_sheet
 from urdfcal.output.view.shapes import Shapes
-from urdfcal.output.view.target_marks import draw_pose_targets, draw_targets
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot
 
@@ -68,18 +69,27 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         warnings.simplefilter("ignore", FutureWarning)
         robot.loadViewerModel("solid")
     robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
-    if scene.data.lasers:
-        draw_sheet(tab["screen/sheet"], scene.sheet, scene.side)
-        draw_spots(tab["screen/spots"], scene)
-        draw_all_beams(tab["screen/beams"], scene)
-        draw_pose_marks(tab["screen/pose"], scene)
-    if scene.targets:
-        draw_targets(tab["frame/marks"], scene)
-        draw_pose_targets(tab["frame/pose"], scene)
-    clips = draw_motion(tab, scene, shapes, keys)
+    styles: dict[Frame, Style] = {frame: FlatStyle(scene.side) if frame == "screen" else RoundStyle() for frame in scene.groups}
+    for frame, group in scene.groups.items():
+        draw_marks(tab[f"{frame}/marks"], group, styles[frame])
+        draw_pose_marks(tab[f"{frame}/pose"], group, styles[frame])
+    if "screen" in scene.groups:
+        _draw_screen(tab["screen"], scene)
+    if "frame" in scene.groups:
+        draw_frame(tab["frame/marks"], scene.groups["frame"], scene.placed[-1].planes)
+    clips = draw_motion(tab, scene, shapes, keys, styles)
     if len(keys.rows) > 1:
         recorder.send(SetClips(clips))
     return recorder
+
+
+def _draw_screen(node: Any, scene: Scene) -> None:
+    """The sheet and the beams."""
+    draw_sheet(node["sheet"], scene.sheet, scene.side)
+    draw_all_beams(node["beams"], scene.shown, scene.lands(scene.shown))
+    draw_pose_beams(node["pose"], "beam", len(scene.data.lasers), scene.extent)
+    if scene.calibrated is not None:
+        draw_pose_beams(node["pose"], "nominal_beam", len(scene.data.lasers), scene.extent, NOMINAL)
 
 
 class _Display(MeshcatVisualizer):  # type: ignore[misc]
@@ -106,7 +116,7 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     every = whole_configurations(scene.solid, scene.data.q[rows])
     robot = shapes.corners(scene.solid, whole[0])
     targets = _targets_in_root(scene, rows, every)
-    if scene.data.lasers:
+    if "screen" in scene.groups:
         normal, seen, spots = _screen_in_root(scene, rows, every)
     else:
         middle = (targets if len(targets) else robot).mean(axis=0)
@@ -119,21 +129,22 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
 def _screen_in_root(scene: Scene, rows: Rows, every: Matrix) -> tuple[Vector, list[Matrix], Matrix]:
     """Normal of the screen towards the lasers, what belongs to it at some poses, and the spots."""
     placed = screen_placements(scene.solid, every)
-    corners, sources = _with_numbers(scene.sheet), scene.shown.source
+    corners, sources, group = _with_numbers(scene.sheet), scene.shown.source, scene.groups["screen"]
     seen = [_in_root(T, np.concatenate([corners, sources[row]])) for T, row in zip(placed, rows, strict=True)]
-    held = scene.data.spots[scene.data.seen] if scene.data.seen.any() else scene.shown.spots[scene.shown.meets]
-    spots = _in_root(placed[0], np.column_stack([np.zeros(len(held)), held]))
+    read = group.read[~np.isnan(group.read[:, 0])]
+    spots = _in_root(placed[0], read if len(read) else on_screen(scene.shown.spots[scene.shown.meets_plainly]))
     return placed[0].rotation[:, 0] * scene.side, seen, spots
 
 
 def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
     """Where targets were read at some poses, and the measuring frame where it is near, (k, 3)."""
-    if not scene.targets:
+    group = scene.groups.get("frame")
+    if group is None:
         return np.empty((0, 3))
     found = []
-    for T, row in zip(frame_placements(scene.targets[-1], every, scene.data.q[rows]), rows, strict=True):
-        own = np.array([mark.read[row] for mark in scene.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
-        near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * scene.width
+    for T, row in zip(frame_placements(scene.placed[-1], every, scene.data.q[rows]), rows, strict=True):
+        own = np.array([mark.read[row] for mark in group.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
+        near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * group.size
         found.append(_in_root(T, np.concatenate([own, np.zeros((int(near.any()), 3))])))
     return np.concatenate(found)
 

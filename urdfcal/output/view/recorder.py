@@ -1,6 +1,7 @@
 """meshcat without its server: what the viewer is told is kept here, and goes into a page whole.
 
-meshcat's own server listens on every network interface and needs a process of its own; the page needs neither.
+meshcat's own server listens on every network interface and needs a process of its own; the page needs neither. What is used of meshcat
+and of Pinocchio's display is imported here alone, since meshcat's imports warn of pyzmq's past.
 """
 
 from __future__ import annotations
@@ -8,10 +9,22 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+import warnings
+from pathlib import Path
 from typing import Any
 
-from urdfcal.output.view.meshcat_parts import Visualizer, umsgpack
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)
+    import meshcat.geometry as mg
+    from meshcat.geometry import umsgpack
+    from meshcat.servers.zmqserver import VIEWER_ROOT
+    from meshcat.visualizer import Visualizer
+    from pinocchio.visualize import MeshcatVisualizer
+    from pinocchio.visualize.meshcat_visualizer import Plane, loadMesh
 
+__all__ = ["VIEWER_SCRIPT", "MeshcatVisualizer", "Plane", "Recorder", "loadMesh", "mg", "umsgpack"]
+
+VIEWER_SCRIPT = Path(VIEWER_ROOT) / "main.min.js"
 _REFERENCES = {"uuid", "geometry", "material", "map", "image"}
 
 

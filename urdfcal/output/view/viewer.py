@@ -126,14 +126,13 @@ def _drawable(data: Measurements) -> Measurements:
 
 
 def _missing(scene: Scene) -> list[str]:
-    if not scene.data.lasers:
-        return []
-    lost = scene.data.seen & ~scene.shown.meets
+    marks = [mark for mark in scene.placed[-1].marks if mark.on_screen]
+    lost = np.array([mark.was_read & np.isnan(mark.predicted[:, 0]) for mark in marks]).T
     if not lost.any():
         return []
     pose, laser = np.argwhere(lost)[0]
     return [
-        f"{scene.data.where(int(pose))}: {scene.data.lasers[laser]} was seen, but in the robot that is drawn its beam misses the screen "
+        f"{scene.data.where(int(pose))}: {marks[laser].target} was seen, but in the robot that is drawn its beam misses the screen "
         f"({np.count_nonzero(lost)} such spots)"
     ]
 
