@@ -1,4 +1,4 @@
-"""TODO."""
+"""Many rotations at once: matrices, quaternions, logarithms, and the inverse right Jacobian of SO(3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TODO."""
+"""Text as the terminal shows it: tables, titles, values with their sigmas."""
 
 from __future__ import annotations
 

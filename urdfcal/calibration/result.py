@@ -1,7 +1,4 @@
-"""What a fit found, as data: estimate, spot tables, corrected origins, and whether it can be trusted.
-
-What the user ought to know of a fit's noise and scales.
-"""
+"""What a fit found, as data: estimate, tables, corrected origins, whether it can be trusted, and what the user ought to know of it."""
 
 from __future__ import annotations
 

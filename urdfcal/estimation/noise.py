@@ -1,9 +1,7 @@
-"""What the measurements are worth: spot noise, joint noise, and the weights that follow from them.
+"""What the measurements are worth: noise of the readings and of the joints, the weights that follow, and whether residuals scatter so.
 
-Joint readings are inputs: their noise reaches a spot through the joint Jacobian and differs from pose to pose, so the covariance of
-one pose's spots is R_i = R_spot + J_q R_q J_q'.
-
-Do residuals scatter as the noise says? Chi-squared of every kind of reading over its own degrees of freedom.
+Joint readings are inputs: their noise reaches a reading through the joint Jacobian and differs from pose to pose, so the covariance of
+one pose's numbers is R_i = R_readings + J_q R_q J_q'.
 
 A fit draws predictions towards what was measured. With H the whitened Jacobian and P the covariance of the parameters, a whitened
 residual has the variance 1 - h, h = diag(H P H') its leverage, so that the degrees of freedom of some numbers are sum(1 - h).

@@ -1,9 +1,7 @@
-"""The set of parameters that is estimated: options narrowed by the gauge rule.
+"""The set of parameters that is estimated: options narrowed by the gauge rule, with a warning where the error model cannot follow the robot.
 
 What no measurement of the module's whole pose could tell apart is not put into the state. The rule is structural: it looks at the
 rank of the full-pose Jacobian at random configurations, before any data and whatever the sensor.
-
-What a chosen error model cannot follow on a robot, said before anyone relies on it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""TODO."""
+"""What the user asks of the error model: which one, what beside it, what is held, and which priors."""
 
 from __future__ import annotations
 

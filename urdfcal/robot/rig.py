@@ -1,10 +1,8 @@
-"""What measures beside lasers: targets on links, the frame they are seen in, and unknown places that they touch.
+"""The links that measure: screen, lasers and module, or a reference and targets, found among the links of a URDF.
 
 A *target* is a point or a whole frame that is fixed to a link, at an offset that is not known. It is seen from a *measuring frame*
 (a tracker, a camera, a board) that stands on the reference link, at a placement that is not known either. *Places* are points and
 planes in the room that several poses have in common.
-
-Screen, lasers and module, or a reference and targets, found among the links of a URDF.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""A robot with known errors and its noisy measurements. Everything that comes from here is simulated.
-
-What points, poses, draw wires, planes and sockets read of a robot with known errors. Everything that comes from here is simulated.
+"""What sensors read of a robot with known errors, with noise. Everything that comes from here is simulated.
 
 The noise of a touch is how far off its place the target is.
 """

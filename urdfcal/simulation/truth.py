@@ -1,6 +1,4 @@
-"""The errors of a simulated robot: drawn at random, or read from a file.
-
-Simulated robots whose joints give way: under gravity, and by eccentric encoders and gears.
+"""The errors of a simulated robot, its joints' give included: drawn at random, or read from a file.
 
 A joint that gravity turns does so the way that it is pulled, so its compliance is drawn positive: a half-normal number. Eccentricities
 are normal.

@@ -1,8 +1,6 @@
-"""Pictures from files, folders and patterns, as the sensor saw them.
+"""Pictures from files, folders and patterns, as the sensor saw them: arrays of light, compared with a dark one, put together by pose.
 
 A turn that the file's EXIF data ask for is not made: pixel coordinates belong to the sensor, on which a lens sits once.
-
-Pictures as arrays of light: read, compared with a dark picture, put together by pose.
 
 Which pictures belong to one pose: those of one sub-folder; or those named `<pose>_<number>`, where at least two poses are named so
 and each has at least two pictures (`img_001 ... img_060` are 60 poses, not 60 pictures of one).

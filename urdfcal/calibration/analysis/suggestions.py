@@ -1,8 +1,7 @@
 """Whether further measurements would be worth the trouble: what is open before and after them.
 
-What would help where instruments beside lasers measure: more range of a joint, or the orientation of a target.
-
-Touches are left alone: which poses reach a socket or a plane is for whoever stands beside the robot to say.
+Where instruments beside lasers measure, more range of a joint or the orientation of a target may help. Touches are left alone: which
+poses reach a socket or a plane is for whoever stands beside the robot to say.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
-"""Whether a fit from the prior can be believed, and where to begin if not.
+"""Where a fit begins: the prior where it can be believed, else where the rig is found to be.
 
-The overall scale of an arm, where no measurement has one: touches of unknown places fit an arm of any size.
-
-Spots that were read as pixels: where a fit of them begins, and the camera that it leaves.
+Three kinds of data need a word before: spots in pixels begin where the same spots on the screen lead, touches of unknown places fit an
+arm of any size, whose scale is then held, and data with a common mistake in them are refused.
 """
 
 from __future__ import annotations

@@ -1,12 +1,10 @@
-"""Mistakes in spots and joints, recognised from how well the spots fit with them undone.
+"""Common mistakes, recognised from how well the data fit with them undone (`mistakes.py`); a mistake is named when they then fit many times
+better.
 
-Each hypothesis undoes one mistake (`mistakes.py`). What a quick robust fit (`aim.py`) leaves over is compared; the median decides, so
-that outliers do not. First the priors hold as they stand, then screen and module may be placed only roughly. A mistake is named when
-undoing it makes the data fit many times better.
+Spots: what a quick robust fit of the beams (`aim.py`) leaves over is compared; the median decides, so that outliers do not. First the
+priors hold as they stand, then screen and module may be placed only roughly.
 
-Mistakes in what instruments beside lasers read, and in the joints, recognised from how well the readings fit with them undone.
-
-Measuring frames and targets stand anywhere, so each hypothesis (`mistakes.py`) has them placed anew. All are tried with the joints as
+Other readings: measuring frames and targets stand anywhere, so each hypothesis has them placed anew. All are tried with the joints as
 the URDF has them, the best ones with a robust fit of everything. What is left over is compared in units of the usual noise, by the
 median of each kind of reading and the worst of the kinds.
 """

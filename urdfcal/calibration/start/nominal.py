@@ -1,6 +1,5 @@
-"""The robot as its URDF has it, measured from frames and with targets that suit it best: what a calibration is compared with.
-
-A robot put to its measurements without any fit of the robot: instruments, noise, and how far everything is apart.
+"""The robot as its URDF has it, measured from frames and with targets that suit it best: what a calibration is compared with, and what
+`evaluate` shows.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a report says of instruments: where measuring frames and targets were found, and how well touches of places agree.
-
-Where a calibration comes from: command, versions, files, noise, error model, priors.
-"""
+"""Sections of a report: where frames, targets and places were found, how well touches agree, and where the calibration comes from."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What `fit` says on request beyond its own tables: accuracy of a tool over the workspace, cross-validation.
-
-Results as text and as the machine-readable dictionary of `--json`.
-"""
+"""A fit as text and as the dictionary of `--json`, with what was asked beyond: accuracy of a tool or of spots, cross-validation."""
 
 from __future__ import annotations
 

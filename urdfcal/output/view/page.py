@@ -1,7 +1,4 @@
-"""The page: meshcat's viewer, the scene as its commands, the legend, and where to look from, all in one file.
-
-From where to look, so that robot, beams and screen are seen at first sight and the robot hides few of the spots.
-"""
+"""The page: meshcat's viewer, the scene as its commands and the legend in one file, seen from where the robot hides few of the marks."""
 
 from __future__ import annotations
 

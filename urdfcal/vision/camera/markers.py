@@ -1,4 +1,4 @@
-"""`screen.yaml`: which ArUco marker sits where on the screen.
+"""ArUco markers on the screen: `screen.yaml`, which sits where, and their corners in a picture to a fraction of a pixel.
 
     dictionary: DICT_4X4_50
     size_mm: 100                         # side of the black square
@@ -8,8 +8,6 @@
 
 The markers stand upright, their top edge toward +z, seen from the front (the -x side), where +y is to the left. Corner 0 of a
 marker (top left) is at (+y, +z) of its centre.
-
-ArUco markers in a picture, their corners to a fraction of a pixel.
 
 OpenCV finds the markers; a corner is then where the two straight edges meet that run through it. An edge is fitted to the mean
 place of the rise from black to white along it, which neither blur nor the pixels' size shifts; a corner itself any blur rounds off.

@@ -1,7 +1,4 @@
-"""The whole way from pictures to labelled spots.
-
-A picture with what was found in it drawn on.
-"""
+"""The whole way from pictures to labelled spots, and each picture with what was found in it drawn on."""
 
 from __future__ import annotations
 
