@@ -41,7 +41,7 @@ def bent(robot: Robot, rng: np.random.Generator) -> Compensation:
     weighed, (lower, upper) = WeighedRobot(robot, Gravity()), joint_limits(robot)
     terms = gravity_terms(robot.chain, weighed.moments(rng.uniform(lower, upper, (400, len(lower)))))
     values = {term.name: float(abs(rng.normal(0, 1e-3 if term.axis is None else 0.5e-3))) for term in terms}
-    return Compensation(robot, Softness(robot.chain, terms, weighed, robot.rig.module), values, {})
+    return Compensation(robot, Softness(robot.chain, terms, weighed, robot.rig.tip), values, {})
 
 
 def microseconds(call: Callable[[], object], number: int) -> float:

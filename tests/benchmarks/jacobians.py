@@ -52,8 +52,8 @@ class Witness:
     """Poses and spots of a robot with errors x, worked out without urdfcal's kinematics."""
 
     def __init__(self, robot: urdfcal.Robot, errors: ErrorModel, q: Array) -> None:
-        self.way, self.errors, self.screen = UrdfWay(robot.description.text), errors, robot.rig.screen
-        self.links = [robot.rig.module, *robot.rig.lasers]
+        self.way, self.errors, self.screen = UrdfWay(robot.description.text), errors, robot.rig.base
+        self.links = [robot.rig.tip, *robot.rig.lasers]
         self.q = dict(zip(robot.chain.input_names, q.T, strict=True))
 
     def poses(self, x: Array) -> Array:

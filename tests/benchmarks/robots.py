@@ -49,8 +49,8 @@ class Views:
 
 def look(robot: urdfcal.Robot, text: bytes, q: Array) -> Views:
     """Ask yourdfpy where module and spots are."""
-    links = [robot.rig.module, *robot.rig.lasers]
-    poses = link_poses(text, robot.chain.input_names, q, robot.rig.screen, links)
+    links = [robot.rig.tip, *robot.rig.lasers]
+    poses = link_poses(text, robot.chain.input_names, q, robot.rig.base, links)
     spots, lengths = observations_of(poses[:, 1:])
     return Views(poses[:, 0], spots, lengths, np.abs(poses[:, 1:, 0, 2]))
 

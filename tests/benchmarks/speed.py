@@ -45,7 +45,7 @@ def best(function: Callable[[], object], repeats: int) -> float:
 def bare_loop(robot: Robot, q: np.ndarray) -> None:
     """What Pinocchio alone takes for forward kinematics and regressor, called from Python pose by pose."""
     model, data = robot.model, robot.model.createData()
-    module = model.getFrameId(robot.rig.module)
+    module = model.getFrameId(robot.rig.tip)
     for pose in q:
         pin.forwardKinematics(model, data, pose)
         pin.computeFrameKinematicRegressor(model, data, module, pin.LOCAL)

@@ -82,7 +82,7 @@ def module_pose(robot: Robot, q: np.ndarray) -> pin.SE3:
         full[index.idx_q : index.idx_q + index.nq] = [np.cos(value), np.sin(value)] if index.nq == 2 else [value]
     pin.framesForwardKinematics(model, data, full)
     base = robot.chain.moving[0].joint.parent
-    return data.oMf[model.getFrameId(base)].actInv(data.oMf[model.getFrameId(robot.rig.module)])
+    return data.oMf[model.getFrameId(base)].actInv(data.oMf[model.getFrameId(robot.rig.tip)])
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -70,7 +70,7 @@ def test_moments_are_slopes_of_the_potential_energy(name: str, robots: dict[str,
 def test_moments_are_levers_times_weights(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """All three components: the sum over the bodies behind a joint of lever x weight, in the joint's frame; with a payload too."""
     robot = arm(name, robots)
-    weighed = WeighedRobot(robot, replace(OBLIQUE, payloads={robot.rig.module: 3.0}))
+    weighed = WeighedRobot(robot, replace(OBLIQUE, payloads={robot.rig.tip: 3.0}))
     model, data, q = weighed.model, weighed.model.createData(), positions(robot, rng, 3)
     moments, pull = weighed.moments(q), G * np.array(OBLIQUE.direction)
     for pose, whole in enumerate(whole_configurations(robot, q)):

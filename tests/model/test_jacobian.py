@@ -70,7 +70,7 @@ def test_twists_are_pinocchios_regressor(robots: dict[str, Robot], name: str, rn
     for joint, value in zip(robot.chain.inputs, q[0], strict=True):
         full[model.joints[model.getJointId(joint.name)].idx_q] = value
     pin.framesForwardKinematics(model, data, full)
-    screen, module = (model.getFrameId(link) for link in (robot.rig.screen, robot.rig.module))
+    screen, module = (model.getFrameId(link) for link in (robot.rig.base, robot.rig.tip))
     regressor = pin.computeFrameKinematicRegressor(model, data, module, pin.LOCAL)
     screen_module = data.oMf[screen].actInv(data.oMf[module])
     for step in robot.chain.moving:

@@ -43,7 +43,7 @@ def soft_model(robot: Robot, errors: ErrorModel, q: Matrix, gravity: Gravity | N
     """An error model with every soft term that there is."""
     weighed = WeighedRobot(robot, gravity or Gravity((0.36, 0.48, -0.8)))
     terms = (*gravity_terms(robot.chain, weighed.moments(q)), *extra_terms(robot.chain, EXTRAS))
-    return with_softness(errors, terms, weighed, robot.rig.module)
+    return with_softness(errors, terms, weighed, robot.rig.tip)
 
 
 def soft_case(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> tuple[Problem, Vector]:
@@ -176,7 +176,7 @@ def test_the_largest_deflection_is_the_parameter(robots: dict[str, Robot], rng: 
     q = rng.uniform(-2, 2, (100, 7))
     weighed = WeighedRobot(robot, Gravity())
     terms = gravity_terms(robot.chain, weighed.moments(q))
-    basis = Softness(robot.chain, terms, weighed, robot.rig.module).basis(q)
+    basis = Softness(robot.chain, terms, weighed, robot.rig.tip).basis(q)
     own = [term.axis is None for term in terms]
     np.testing.assert_allclose(np.abs(basis[:, own]).max(axis=0), 1.0)
     assert np.abs(basis).max() <= 1.0 + 1e-12
@@ -189,7 +189,7 @@ def test_terms_on_request_are_what_they_say(robots: dict[str, Robot], rng: np.ra
     robot = robots["tiago"]
     chain, data = robot.chain, six_poses(robot, rng)
     terms = extra_terms(chain, EXTRAS)
-    basis = Softness(chain, terms, WeighedRobot(robot, Gravity()), robot.rig.module).basis(data.q, None, data.approach)
+    basis = Softness(chain, terms, WeighedRobot(robot, Gravity()), robot.rig.tip).basis(data.q, None, data.approach)
     turning = [column for column, each in enumerate(chain.inputs) if not each.prismatic]
     assert len(terms) == 6 * len(turning)
     assert data.approach is not None
@@ -209,7 +209,7 @@ def test_a_payload_of_a_pose_bends_that_pose_alone(robots: dict[str, Robot], rng
     q = rng.uniform(-2, 2, (4, 6))
     weighed = WeighedRobot(robot, Gravity())
     terms = gravity_terms(robot.chain, weighed.moments(q))
-    module = robot.rig.module
+    module = robot.rig.tip
     bare, loaded = (Softness(robot.chain, terms, each, module) for each in (weighed, WeighedRobot(robot, Gravity(payloads={module: 2.0}))))
     found = bare.basis(q, np.array([0.0, 2.0, 0.0, 2.0]))
     np.testing.assert_allclose(found[::2], bare.basis(q)[::2], atol=1e-14)

@@ -29,7 +29,7 @@ def witness(robot: Robot, positions: Mapping[str, float]) -> list[SE3]:
         own = model.joints[model.getJointId(name)]
         q[own.idx_q : own.idx_q + own.nq] = value if own.nq == 1 else (np.cos(value), np.sin(value))
     pin.framesForwardKinematics(model, data, q)
-    T_world_screen = data.oMf[model.getFrameId(robot.rig.screen)]
+    T_world_screen = data.oMf[model.getFrameId(robot.rig.base)]
     return [T_world_screen.actInv(data.oMf[model.getFrameId(laser)]) for laser in robot.rig.lasers]
 
 
@@ -139,11 +139,11 @@ def test_fixed_joints_may_stand_anywhere() -> None:
 
 def test_one_laser_s_parent_is_the_module() -> None:
     """With one laser the module is the link that it hangs on; with two the nearest link that carries both."""
-    assert robot_of(URDF).rig.module == "slm"
+    assert robot_of(URDF).rig.tip == "slm"
     alone = robot_from(robot_of(URDF).description, lasers=["laser_2"])
-    assert (alone.rig.lasers, alone.rig.module) == (("laser_2",), "slm")
+    assert (alone.rig.lasers, alone.rig.tip) == (("laser_2",), "slm")
     nested = URDF.replace('<parent link="slm"/>\n    <child link="laser_2"/>', '<parent link="tool"/>\n    <child link="laser_2"/>')
-    assert robot_of(nested).rig.module == "tool"
+    assert robot_of(nested).rig.tip == "tool"
 
 
 def test_lasers_are_taken_in_the_order_of_their_numbers() -> None:

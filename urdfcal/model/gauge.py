@@ -1,4 +1,4 @@
-"""The set of parameters that is estimated: options narrowed by the gauge rule, with a warning where the error model cannot follow the robot.
+"""The set of parameters that is estimated: options narrowed by the gauge rule, with a word where the model cannot follow the robot.
 
 What no measurement of the module's whole pose could tell apart is not put into the state. The rule is structural: it looks at the
 rank of the full-pose Jacobian at random configurations, before any data and whatever the sensor.
@@ -94,7 +94,7 @@ def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tup
         not rig.lasers
         or chain.screen_joint is not None
         or not first.forward
-        or any(name.startswith(f"{rig.screen}.") for name in errors.names)
+        or any(name.startswith(f"{rig.base}.") for name in errors.names)
     ):
         return ()
     screen = [parameter for parameter in parameters_of(errors.slots, DEFAULT_PRIORS) if parameter.kind == "screen"]
@@ -160,7 +160,7 @@ def _moves_module(rig: Rig, slot: Slot) -> bool:
     """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target."""
     if slot.frame is None:
         return slot.kind != "beam"
-    farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.module), "")
+    farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.tip), "")
     return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)
 
 
@@ -279,14 +279,14 @@ def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> t
     first = robot.chain.steps[0]
     if first.joint.moves and not first.forward:
         return (
-            f"the screen '{robot.rig.screen}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
+            f"the screen '{robot.rig.base}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
             "hang it on a fixed joint",
         )
     missing = missing_screen_parameters(robot.chain, robot.rig, errors) if options.error_model == "auto" else ()
     if not missing:
         return ()
     return (
-        f"the screen '{robot.rig.screen}' has no fixed joint of its own, so its placement is not estimated; "
+        f"the screen '{robot.rig.base}' has no fixed joint of its own, so its placement is not estimated; "
         f"--estimate screen adds {', '.join(missing)}, which no other parameter can stand for",
     )
 
@@ -298,7 +298,7 @@ def _mount_warning(robot: Robot) -> tuple[str, ...]:
     if last.joint.prismatic or not last.forward or off >= _NEAR_AXIS:
         return ()
     return (
-        f"the module '{robot.rig.module}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of "
+        f"the module '{robot.rig.tip}' lies {off / MM:.1f} mm from the axis of '{last.joint.name}': the five mount parameters of "
         "the dh model leave out trans_y, which such a mount shows; use --error-model auto or hayati",
     )
 

@@ -105,15 +105,15 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
 def _mount_slot(chain: Chain, rig: Rig, names: tuple[str, ...], screws: Matrix) -> Slot:
     """The module's placement: on its own fixed joint or, where it is the moving link itself, before the first joint of every laser."""
     if chain.mount_joint is not None:
-        return Slot(rig.module, "mount", names, screws, (chain.mount_joint.name,))
+        return Slot(rig.tip, "mount", names, screws, (chain.mount_joint.name,))
     firsts = tuple(dict.fromkeys(way[0].name for way in chain.laser_joints))
-    return Slot(rig.module, "mount", names, screws, firsts, before=True)
+    return Slot(rig.tip, "mount", names, screws, firsts, before=True)
 
 
 def _frame_slots(rig: Rig) -> list[Slot]:
     """The placement of the measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
-    own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.screen else seen.reference  # the screen has that name already
+    own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.base else seen.reference  # the screen has that name already
     slots = [Slot(own, "reference", SIX, six_screws(), (), frame=0)] if seen.placed else []
     places: dict[str, list[int]] = {}
     for index, target in enumerate(seen.targets, start=1):
@@ -145,11 +145,11 @@ def beam_slots(chain: Chain, names: tuple[str, ...]) -> tuple[Slot, ...]:
 def _screen_slot(chain: Chain, rig: Rig) -> Slot:
     own = chain.screen_joint
     if own is not None:
-        return Slot(rig.screen, "screen", SIX, six_screws(), (own.joint.name,))
+        return Slot(rig.base, "screen", SIX, six_screws(), (own.joint.name,))
     first = chain.steps[0]
     if not first.forward:  # the screen is the very link that a moving joint carries: no origin stands for it
-        return Slot(rig.screen, "screen", (), np.empty((6, 0)), (first.joint.name,), before=True)
-    return Slot(rig.screen, "screen", SIX, six_screws(), (first.joint.name,), before=True)
+        return Slot(rig.base, "screen", (), np.empty((6, 0)), (first.joint.name,), before=True)
+    return Slot(rig.base, "screen", SIX, six_screws(), (first.joint.name,), before=True)
 
 
 def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
@@ -211,5 +211,5 @@ def require_screen_slot(chain: Chain, rig: Rig) -> None:
     first = chain.steps[0]
     if first.joint.moves and not first.forward:
         raise RigError(
-            f"screen '{rig.screen}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement"
+            f"screen '{rig.base}' is the link that joint '{first.joint.name}' moves; hang it on a fixed joint to estimate its placement"
         )

@@ -118,7 +118,7 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
             "sha256": sha256(robot.description.text),
             "expanded_by_xacro": robot.description.expanded,
         },
-        "rig": {"screen": robot.rig.screen, "module": robot.rig.module, "lasers": list(robot.rig.lasers)},
+        "rig": {"screen": robot.rig.base, "module": robot.rig.tip, "lasers": list(robot.rig.lasers)},
     }
 
 

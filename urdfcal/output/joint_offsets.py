@@ -151,7 +151,7 @@ def _ends(robot: Robot, moving: Mapping[str, float]) -> tuple[str, str]:
     """Screen and module, or the links before the first and behind the last corrected joint where there is no rig."""
     joints = sorted((robot.tree.joints[name] for name in moving), key=lambda joint: len(robot.tree.path_from_root(joint.child)))
     try:
-        return robot.rig.screen, robot.rig.module
+        return robot.rig.base, robot.rig.tip
     except RigError:
         return joints[0].parent, joints[-1].child
 

@@ -196,7 +196,7 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
     for step in steps:
         if step.joint.type in ("floating", "planar"):
             raise RigError(
-                f"joint '{step.joint.name}' on the way from '{rig.screen}' to '{rig.module}' is {step.joint.type}; "
+                f"joint '{step.joint.name}' on the way from '{rig.base}' to '{rig.tip}' is {step.joint.type}; "
                 "expected revolute, continuous, prismatic or fixed joints",
                 tree.label,
                 step.joint.line,
@@ -209,7 +209,7 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         sign = 1.0 if step.forward else -1.0
         coupling[list(inputs).index(joint.name), column] = sign * multiplier
         offset[column] = sign * shift
-    lasers = tuple(tuple(_below(tree, rig.module, laser)) for laser in rig.lasers)
+    lasers = tuple(tuple(_below(tree, rig.tip, laser)) for laser in rig.lasers)
     frames = (*_target_frames(tree, rig, steps), *_laser_frames(steps, lasers))
     return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, frames)
 
@@ -228,7 +228,7 @@ def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[
     Raises:
         RigError: one of them is on no body of the way.
     """
-    bodies: dict[str, tuple[int, str, tuple[Step, ...]]] = {tree.moving_link(rig.screen): (0, rig.screen, ())}
+    bodies: dict[str, tuple[int, str, tuple[Step, ...]]] = {tree.moving_link(rig.base): (0, rig.base, ())}
     for depth, step in enumerate((step for step in steps if step.joint.moves), start=1):
         link = step.joint.child if step.forward else step.joint.parent
         bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
@@ -239,7 +239,7 @@ def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[
     for role, name, link, at in named if instruments.targets else ():
         if tree.moving_link(link) not in bodies:
             raise RigError(
-                f"'{link}' is not on the way from '{rig.screen}' to '{rig.module}'; targets and what they are measured from must lie "
+                f"'{link}' is not on the way from '{rig.base}' to '{rig.tip}'; targets and what they are measured from must lie "
                 "on one chain of joints; calibrate the branches one after the other",
                 tree.label,
             )
@@ -248,7 +248,7 @@ def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[
 
 
 def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:
-    return _between(tree, rig.screen, rig.module)
+    return _between(tree, rig.base, rig.tip)
 
 
 def _between(tree: UrdfTree, start: str, end: str) -> tuple[Step, ...]:

@@ -121,16 +121,17 @@ class Rig:
     """The links that measure.
 
     Attributes:
-        screen: The screen is the plane x = 0 of this link; a spot is (y, z) in it. Without lasers it is the reference.
+        base: Where the way between the two ends begins: the screen, the plane x = 0 of this link in which a spot is (y, z); without
+            lasers the reference.
         lasers: Each beam leaves the origin of its link along +z.
-        module: The lasers' nearest common fixed ancestor; with one laser its parent. Without lasers it is the link of the target
-            that most joints move.
+        tip: Where it ends: the module, which is the lasers' nearest common fixed ancestor, with one laser its parent; without lasers the
+            link of the target that most joints move.
         instruments: What measures beside lasers, with the reference link named.
     """
 
-    screen: str
+    base: str
     lasers: tuple[str, ...]
-    module: str
+    tip: str
     instruments: Instruments = NONE
 
 

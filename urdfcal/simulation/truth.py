@@ -153,7 +153,7 @@ def soft_truth(robot: Robot, errors: ErrorModel, x: Vector, scales: SagScales, r
         raise UsageError("--sag-mrad: gravity bends no joint of this robot")
     numbers = rng.normal(0.0, 1.0, len(terms)) * [scales.sigma(term) for term in terms]
     values = {term.name: abs(value) if term.largest else value for term, value in zip(terms, numbers.tolist(), strict=True)}
-    soft = with_softness(errors, terms, weighed, robot.rig.module)
+    soft = with_softness(errors, terms, weighed, robot.rig.tip)
     known = dict(zip(errors.names, errors.check(x).tolist(), strict=True)) | values
     return soft, np.array([known[name] for name in soft.names])
 

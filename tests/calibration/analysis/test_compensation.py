@@ -52,7 +52,7 @@ def soft_arm(
     robot = arm(name, robots)
     weighed = WeighedRobot(robot, OBLIQUE)
     terms = (*gravity_terms(robot.chain, weighed.moments(positions(robot, rng, 200))), *extra_terms(robot.chain, extras))
-    softness = Softness(robot.chain, terms, weighed, robot.rig.module)
+    softness = Softness(robot.chain, terms, weighed, robot.rig.tip)
     return Compensation(robot, softness, {term.name: float(rng.normal(0, mrad * 1e-3)) for term in terms}, dict.fromkeys([], 0.0))
 
 
@@ -71,10 +71,10 @@ def soft_motion(compensation: Compensation, q: Matrix) -> ArmMotion:
 def tips(robot: Robot, q: Matrix) -> Matrix:
     """The module in the frame of what it is measured from, by Pinocchio's model of the whole robot, (n, 3)."""
     model, data, found = robot.model, robot.model.createData(), []
-    end = robot.rig.lasers[0] if robot.rig.lasers else robot.rig.module
+    end = robot.rig.lasers[0] if robot.rig.lasers else robot.rig.tip
     for whole in whole_configurations(robot, q):
         pin.framesForwardKinematics(model, data, whole)
-        base, tip = (data.oMf[model.getFrameId(link)] for link in (robot.rig.screen, end))
+        base, tip = (data.oMf[model.getFrameId(link)] for link in (robot.rig.base, end))
         found.append(base.actInv(tip).translation)
     return np.array(found)
 
@@ -84,7 +84,7 @@ def bent_tips(compensation: Compensation, q: Matrix) -> Matrix:
     if compensation.robot.rig.lasers:
         return motion.frames[compensation.softness.chain.laser_frames[0]][:, :, 3]
     chain = compensation.softness.chain
-    return seen_placement(motion.frames, chain.frame_index("target", compensation.robot.rig.module), chain.measuring_frame)[0]
+    return seen_placement(motion.frames, chain.frame_index("target", compensation.robot.rig.tip), chain.measuring_frame)[0]
 
 
 def wrists_free(compensation: Compensation, q: Matrix) -> Matrix:
@@ -141,7 +141,7 @@ def test_screws_are_those_of_the_error_model(name: str, robots: dict[str, Robot]
     found, model, data = ArmScrews(robot, [], []).twists(q), robot.model, robot.model.createData()
     for pose, whole in enumerate(whole_configurations(robot, q)):
         pin.framesForwardKinematics(model, data, whole)
-        base, tip = (data.oMf[model.getFrameId(link)] for link in (robot.rig.screen, robot.rig.module))
+        base, tip = (data.oMf[model.getFrameId(link)] for link in (robot.rig.base, robot.rig.tip))
         for column in range(len(robot.chain.moving)):
             at_tip = pin.SE3(base.rotation, base.translation).act(pin.Motion(expected[pose, :, column]))
             v = at_tip.linear + np.cross(at_tip.angular, tip.translation)

@@ -70,7 +70,7 @@ def beams_of(robot: Robot, errors: ErrorModel, x: np.ndarray, q: np.ndarray) -> 
         name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in errors.corrected_origins(x).items()
     }
     model = corrected_model(robot.model, origins)
-    data, screen = model.createData(), model.getFrameId(robot.rig.screen)
+    data, screen = model.createData(), model.getFrameId(robot.rig.base)
     spots, lengths = np.empty((len(q), 2, 2)), np.empty((len(q), 2))
     for pose, row in enumerate(q):
         full = pin.neutral(model)

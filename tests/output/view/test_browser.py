@@ -125,7 +125,7 @@ def in_root(robot: Robot, points: Matrix, q: Vector | None = None) -> Matrix:
     """Points (n, 3) of the screen's axes in the root's, by Pinocchio's frames of the whole robot."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, pin.neutral(robot.model) if q is None else q)
-    placed = data.oMf[robot.model.getFrameId(robot.rig.screen, pin.FrameType.BODY)]
+    placed = data.oMf[robot.model.getFrameId(robot.rig.base, pin.FrameType.BODY)]
     return points @ placed.rotation.T + placed.translation
 
 

@@ -205,7 +205,7 @@ def test_one_session_is_shown(robots: dict[str, Robot], rng: np.random.Generator
 def test_the_robots_base_is_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """The reference link is no screen: its shape stays."""
     robot, data, _ = seen("point", robots, rng, 5)
-    assert robot.rig.screen in robot.tree.links
+    assert robot.rig.base in robot.tree.links
     assert any(link == "base_link" for link in view_of(robot, data).shapes.links)
     panda, points, _ = seen("reference carried", robots, rng, 5)
     assert "panda_link0" in view_of(panda, points).shapes.links

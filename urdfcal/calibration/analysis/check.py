@@ -200,7 +200,7 @@ def _with_session(robot: Robot, errors: ErrorModel, options: ModelOptions, data:
     moved = replace(errors, parameters=(*errors.parameters, *further), sessions=(*errors.sessions, _ELSEWHERE))
     x = moved.mean.copy()
     for name, value in _MOVED_SCREEN.items():
-        x[[own == f"{robot.rig.screen}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
+        x[[own == f"{robot.rig.base}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
     again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
     linearisation = problem_of(moved, again, noise).linearise(x)
     extra = noise.weights(linearisation).jacobian(_without_lost(linearisation))

@@ -226,7 +226,7 @@ def compensation_files(
         "urdf": {"file": name, "sha256": hashlib.sha256(urdf).hexdigest()},
         "gravity": {"direction": list(gravity.direction), "payloads_kg": dict(gravity.payloads)},
         "masses": "generic" if softness.weighed.generic else "urdf",
-        "rig": {"screen": robot.rig.screen, "lasers": list(robot.rig.lasers)}
+        "rig": {"screen": robot.rig.base, "lasers": list(robot.rig.lasers)}
         if robot.rig.lasers
         else {"reference": instruments.reference, "targets": sorted({target.link for target in instruments.targets})},
         "terms": [_term_entry(softness, term, *values[term.name]) for term in softness.terms],
@@ -289,7 +289,7 @@ def _compensation(robot: Robot, weighed: WeighedRobot, terms: Sequence[tuple[str
     if twice:
         raise CalibrationFileError(f"the term '{twice[0]}' is there twice", path)
     placed = tuple(replace(term, joint=names.index(joint)) for joint, term, _, _ in terms)
-    softness = Softness(robot.chain, placed, weighed, robot.rig.module)
+    softness = Softness(robot.chain, placed, weighed, robot.rig.tip)
     values = {term.name: value for _, term, value, _ in terms}
     return Compensation(robot, softness, values, {term.name: sigma for _, term, _, sigma in terms})
 
@@ -356,7 +356,7 @@ class ArmScrews:
         """
         model, steps = robot.model, robot.chain.moving
         self.model, self.data, self.whole = model, model.createData(), WholeRobot(robot, robot.chain.input_names)
-        module = model.frames[model.getFrameId(robot.rig.module, pin.BODY)]
+        module = model.frames[model.getFrameId(robot.rig.tip, pin.BODY)]
         self.carrier, self.module = module.parentJoint, np.append(module.placement.translation, 1.0)
         self.ids = [model.getJointId(step.joint.name) for step in steps]
         self.owners = np.array([*range(len(steps)), *joints])

@@ -197,7 +197,7 @@ def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Mat
 
 def default_tool(robot: Robot) -> str:
     """The module, or where the lasers stand still and the screen is carried, the screen."""
-    return robot.rig.module if _first_calibrated(robot, robot.rig.module) is not None else robot.rig.screen
+    return robot.rig.tip if _first_calibrated(robot, robot.rig.tip) is not None else robot.rig.base
 
 
 def base_link(robot: Robot, link: str) -> str:

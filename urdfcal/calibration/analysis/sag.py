@@ -207,7 +207,7 @@ class _Setup:
 
     def fit(self, terms: tuple[Term, ...], gravity: Gravity, start: _Fitted | None = None) -> _Fitted:
         """Geometry and some terms together."""
-        errors = with_softness(self.calibration.errors, terms, self.weighed(gravity), self.calibration.robot.rig.module)
+        errors = with_softness(self.calibration.errors, terms, self.weighed(gravity), self.calibration.robot.rig.tip)
         known = dict(zip(start.errors.names, start.estimate.belief.x, strict=True)) if start is not None else {}
         known = dict(zip(self.calibration.errors.names, self.calibration.x, strict=True)) | known
         x = np.array([known.get(name, 0.0) for name in errors.names])

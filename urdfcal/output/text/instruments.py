@@ -70,7 +70,7 @@ def rig_in_words(robot: Robot) -> str:
     """Screen, module and lasers; reference and targets."""
     rig, words = robot.rig, []
     if rig.lasers:
-        words.append(f"screen {rig.screen}; module {rig.module}; lasers {', '.join(rig.lasers)}")
+        words.append(f"screen {rig.base}; module {rig.tip}; lasers {', '.join(rig.lasers)}")
     if rig.instruments.targets:
         words.append(f"reference {rig.instruments.reference}; targets {', '.join(target.name for target in rig.instruments.targets)}")
     return "; ".join(words)

@@ -67,7 +67,7 @@ def _shared(scene: Scene) -> str:
     """What stands at the same place for both robots."""
     if "screen" in scene.groups:
         return "before the same screen"
-    reference = scene.solid.rig.screen
+    reference = scene.solid.rig.base
     return "on the same base" if reference == scene.solid.tree.root else f"with the same {reference}"
 
 

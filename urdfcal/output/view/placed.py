@@ -146,7 +146,7 @@ def placed_robot(robot: Robot, data: Measurements, options: ModelOptions | None 
 def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
     """T_root_screen of a robot at configurations (n, model.nq)."""
     model, data = robot.model, robot.model.createData()
-    index = model.getFrameId(robot.rig.screen, pin.FrameType.BODY)
+    index = model.getFrameId(robot.rig.base, pin.FrameType.BODY)
     found = []
     for q in whole:
         pin.forwardKinematics(model, data, q)

@@ -81,7 +81,7 @@ def robot_shapes(robot: Robot) -> Shapes:
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
         warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {' '.join(str(error).split())}"]
-    rig = {robot.rig.screen, robot.rig.module, *robot.rig.lasers} if robot.rig.lasers else set()
+    rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
@@ -92,7 +92,7 @@ def robot_shapes(robot: Robot) -> Shapes:
 
 def _sheet(robot: Robot) -> str:
     """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way."""
-    return robot.rig.screen if robot.rig.lasers else robot.screen or "screen"
+    return robot.rig.base if robot.rig.lasers else robot.screen or "screen"
 
 
 def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
@@ -148,8 +148,8 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
         if joint.parent in links and reach > radius and joint.child != _sheet(robot):
             between = _z_to(joint.origin.translation, joint.origin.translation / 2)
             _add(robot, model, joint.parent, f"to_{joint.child}", coal.Capsule(radius, reach), between, _BODY)
-    if robot.rig.module in rig:
-        _add(robot, model, robot.rig.module, "box", coal.Box(0.03, 0.06, 0.02), pin.SE3(np.eye(3), np.array([0, 0, -0.01])), _MODULE)
+    if robot.rig.tip in rig:
+        _add(robot, model, robot.rig.tip, "box", coal.Box(0.03, 0.06, 0.02), pin.SE3(np.eye(3), np.array([0, 0, -0.01])), _MODULE)
     for laser in (laser for laser in robot.rig.lasers if laser in rig):
         _add(robot, model, laser, "barrel", coal.Cylinder(0.004, 0.04), pin.SE3(np.eye(3), np.array([0, 0, 0.02])), _LASER)
 
