@@ -146,9 +146,6 @@ class Table:
         return cells
 
 
-CsvTable = Table  # its name until now
-
-
 def read_table(path: str | Path, header: str, rows: str) -> Table:
     """Read a CSV file.
 

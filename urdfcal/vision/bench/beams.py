@@ -20,7 +20,7 @@ import numpy as np
 
 from urdfcal.base.errors import MeasurementError, UsageError
 from urdfcal.base.geometry import DEG, Array3, Matrix, Vector
-from urdfcal.base.tables import LENGTHS, CsvTable
+from urdfcal.base.tables import LENGTHS, Table
 
 _PER_LASER = 4  # a, b, x0, y0
 _MOST_STEPS, _CLOSE = 50, 1e-10
@@ -92,7 +92,7 @@ def beam_direction(a: float, b: float) -> Vector:
     return np.array([np.sin(b), -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)])
 
 
-def readings_from(table: CsvTable) -> BenchReadings:
+def readings_from(table: Table) -> BenchReadings:
     """Readings from a table with the columns `distance`, `<laser>.x`, `<laser>.y`, in m or with [mm].
 
     Raises:
@@ -121,7 +121,7 @@ def readings_from(table: CsvTable) -> BenchReadings:
     return readings
 
 
-def _require_sense(readings: BenchReadings, table: CsvTable) -> None:
+def _require_sense(readings: BenchReadings, table: Table) -> None:
     """Refuse distances and readings that no bench has: their unit is another than the header's.
 
     Raises:
@@ -133,7 +133,7 @@ def _require_sense(readings: BenchReadings, table: CsvTable) -> None:
         _refuse(table, int(row), f"{readings.lasers[laser]}.{'xy'[axis]}", True, f"no more than {_WIDEST:g} times the distance")
 
 
-def _refuse(table: CsvTable, row: int, column: str, far: bool, expected: str) -> None:
+def _refuse(table: Table, row: int, column: str, far: bool, expected: str) -> None:
     unit = table.units.get(column, "m")
     other = "mm" if far and unit == "m" else "m" if unit == "mm" and not far else ""
     way_out = f"; if it is in {other}, head the column '{column} [{other}]'" if other else ""

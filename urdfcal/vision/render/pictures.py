@@ -5,8 +5,6 @@ Light and sensor are in `render_scene` and `render_sensor`; the detector shares 
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +14,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.tables import csv_text
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
@@ -169,15 +168,13 @@ def truth_csv(names: Sequence[str], lasers: Sequence[str], camera: Camera, beams
         beams: The beams of each pose.
         shown: Which spots are in the picture, for each pose.
     """
-    text = io.StringIO()
-    text.write("# SIMULATED pictures by urdfcal render: where the spots truly are; y, z in m on the screen, u, v in px\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["image", *(f"{laser}.{ending}" for laser in lasers for ending in ("y", "z", "u", "v"))])
+    columns = ["image", *(f"{laser}.{ending}" for laser in lasers for ending in ("y", "z", "u", "v"))]
+    rows: list[list[str | float]] = []
     for pose, name in enumerate(names):
         cells: list[str] = []
         for index in range(len(lasers)):
             spot = beams.spots[pose, index]
             there = bool(shown[pose][index])
             cells += [f"{x:.9g}" for x in (*spot, *camera.pixels_of_spots(spot[None])[0])] if there else [""] * 4
-        writer.writerow([name, *cells])
-    return text.getvalue().encode()
+        rows.append([name, *cells])
+    return csv_text(columns, rows, ["SIMULATED pictures by urdfcal render: where the spots truly are; y, z in m on the screen, u, v in px"])
