@@ -36,7 +36,7 @@ def read(folder: Path, text: str) -> RigFile:
 def test_every_entry_reaches_the_error_model(tmp_path: Path) -> None:
     """Links, models, priors and single parameters arrive in metres and radians."""
     rig = read(tmp_path, WHOLE)
-    assert (rig.base, rig.lasers, rig.noise.spot_mm, rig.noise.joints_deg) == ("screen", ["laser_2"], 0.5, {"turn": 0.1})
+    assert (rig.screen, rig.lasers, rig.noise.spot_mm, rig.noise.joints_deg) == ("screen", ["laser_2"], 0.5, {"turn": 0.1})
     robot = robot_of(URDF)
     errors = build_error_model(robot.chain, robot.rig, rig.options())
     found = {parameter.name: parameter for parameter in errors.parameters}

@@ -179,4 +179,4 @@ def test_evaluate_says_which_beams_miss(run_cli: Run, tmp_path: Path) -> None:
     cells[1] = str(float(cells[1]) - 3.0)
     (tmp_path / "away.csv").write_text("\n".join([*lines[:4], ",".join(cells), *lines[5:]]))
     done = run_cli("evaluate", ARM7, "away.csv")
-    assert "away.csv:5: laser_1 was seen, but in this robot its beam points away from the screen" in done.err
+    assert "away.csv:5: laser_1 was seen, but in this robot its beam does not meet the screen" in done.err

@@ -278,6 +278,22 @@ def require_screen_of_camera(data: Measurements) -> None:
         raise UsageError("the camera knows no screen; add it with `urdfcal camera --lens CAMERA.yaml --screen IMAGE --markers screen.yaml`")
 
 
+def unreached_words(data: Measurements, lost: Mask, targets: Sequence[str], where: str) -> str:
+    """`arm7.csv:17: laser_1 was seen, but in this robot its beam does not meet the screen (3 such spots)`; empty if none is lost.
+
+    Args:
+        data: The measurements.
+        lost: Which beams that were seen do not meet the screen, (n, targets).
+        targets: Their lasers.
+        where: In which robot, in words.
+    """
+    if not lost.any():
+        return ""
+    pose, target = np.argwhere(lost)[0].tolist()
+    count = f" ({np.count_nonzero(lost)} such spots)" if np.count_nonzero(lost) > 1 else ""
+    return f"{data.where(pose)}: {targets[target]} was seen, but in {where} its beam does not meet the screen{count}"
+
+
 def as_spots(data: Measurements) -> Measurements:
     """Measurements with spots in pixels turned into spots on the screen, where the camera's calibration has it; nothing else is kept."""
     return replace(data, readings=tuple(_on_screen(reading, data.camera) for reading in data.readings if reading.kind.beam), lengths=())

@@ -20,7 +20,7 @@ from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.sensors.measurements import Measurements, as_spots
+from urdfcal.sensors.measurements import Measurements, as_spots, unreached_words
 from urdfcal.sensors.registry import start_sigma_of
 
 _NEAR = 5e-3  # [m] median distance beyond which a fit from the prior is not taken for granted
@@ -89,13 +89,11 @@ def require_beams_on_screen(model: Problem, x: Vector) -> None:
         FitRejected: names pose and laser.
     """
     lost = model.linearise(x).lost
-    if lost is not None and lost.any():
-        pose, index = np.argwhere(lost)[0].tolist()
-        raise FitRejected(
-            f"{model.data.where(pose)}: {model.data.readings[index].target} was seen, but in the model its beam does not meet the screen; "
-            "check the mount of the module, the screen's placement and the joints' units and signs",
-            forceable=False,
-        )
+    targets = [reading.target for reading in model.data.readings]
+    words = unreached_words(model.data, lost, targets, "the model") if lost is not None else ""
+    if words:
+        way_out = "check the mount of the module, the screen's placement and the joints' units and signs"
+        raise FitRejected(f"{words}; {way_out}", forceable=False)
 
 
 def with_scale(errors: ErrorModel, data: Measurements) -> tuple[ErrorModel, str]:

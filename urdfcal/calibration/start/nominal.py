@@ -22,7 +22,7 @@ from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.model.parameters import DEFAULT_PRIORS, Parameter
 from urdfcal.robot.rig import Place
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured
+from urdfcal.sensors.measurements import Measurements, as_measured, unreached_words
 from urdfcal.sensors.stated_noise import noise_of
 
 
@@ -122,13 +122,8 @@ def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
     data = replace(data, readings=tuple(reading for reading in data.readings if reading.kind.beam), lengths=())
     lost = Problem(_bare(robot, data), data).linearise(np.empty(0)).lost
-    if lost is None or not lost.any():
-        return ()
-    pose, index = np.argwhere(lost)[0].tolist()
-    return (
-        f"{data.where(pose)}: {data.readings[index].target} was seen, but in this robot its beam points away from the screen "
-        f"({np.count_nonzero(lost)} such spots); their distances mean nothing",
-    )
+    words = unreached_words(data, lost, [reading.target for reading in data.readings], "this robot") if lost is not None else ""
+    return (f"{words}; such distances mean nothing",) if words else ()
 
 
 def held_instruments(errors: ErrorModel, places: Sequence[Place]) -> ModelOptions:

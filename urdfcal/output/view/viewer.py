@@ -24,7 +24,15 @@ from urdfcal.output.view.shapes import Shapes, robot_shapes
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.rig import Instruments, Target, lasers_by_name
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, as_spots, in_pixels, measurements_from, require_screen_of_camera
+from urdfcal.sensors.measurements import (
+    Measurements,
+    as_measured,
+    as_spots,
+    in_pixels,
+    measurements_from,
+    require_screen_of_camera,
+    unreached_words,
+)
 
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
@@ -128,13 +136,8 @@ def _drawable(data: Measurements) -> Measurements:
 def _missing(scene: Scene) -> list[str]:
     marks = [mark for mark in scene.placed[-1].marks if mark.on_screen]
     lost = np.array([mark.was_read & np.isnan(mark.predicted[:, 0]) for mark in marks]).T
-    if not lost.any():
-        return []
-    pose, laser = np.argwhere(lost)[0]
-    return [
-        f"{scene.data.where(int(pose))}: {marks[laser].target} was seen, but in the robot that is drawn its beam misses the screen "
-        f"({np.count_nonzero(lost)} such spots)"
-    ]
+    words = unreached_words(scene.data, lost, [mark.target for mark in marks], "the robot that is drawn")
+    return [words] if words else []
 
 
 def _overlong(scene: Scene) -> list[str]:
