@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,8 @@ from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.spots import Beams, beams_at
 
-_BATCH, _MOST_BATCHES = 4096, 50  # random positions drawn at a time, and how often
-_DRAWN, _MOST_DRAWS, _LEAST_SHARE = 4096, 500_000, 0.005
+_BATCH, _MOST_LOOKS = 4096, 50 * 4096  # random positions drawn at a time, and how many until none are in view
+_MOST_DRAWS, _LEAST_SHARE = 500_000, 0.005
 _LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
 
 
@@ -33,16 +34,13 @@ def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurement
     Returns:
         (poses, inputs), [rad] or [m]; fewer rows, or none, where such positions are too rare to be found.
     """
-    (lower, upper), found = joint_limits(robot), np.empty((0, len(robot.chain.inputs)))
     corners = np.nanmin(seen.spots, axis=(0, 1)), np.nanmax(seen.spots, axis=(0, 1))
-    for _ in range(_MOST_BATCHES):
-        q = rng.uniform(lower, upper, (_BATCH, len(lower)))
-        beams = beams_at(errors, x, q)
-        inside = ((beams.spots >= corners[0]) & (beams.spots <= corners[1])).all(axis=-1) & beams.makes_spot()
-        found = np.vstack([found, q[inside.all(axis=1)]])
-        if len(found) >= poses:
-            break
-    return found[:poses]
+
+    def in_view(beams: Beams) -> Mask:
+        inside = ((beams.spots >= corners[0]) & (beams.spots <= corners[1])).all(axis=-1)
+        return np.asarray((inside & beams.makes_spot()).all(axis=1))
+
+    return _drawn(errors, x, joint_limits(robot), poses, rng, in_view, _MOST_LOOKS)[0]
 
 
 @dataclass(frozen=True)
@@ -90,20 +88,26 @@ def draw_poses(
     Raises:
         UsageError: such positions are too rare.
     """
-    where = area or ScreenArea()
-    lower, upper = joint_limits(robot) if limits is None else limits
-    found, drawn = np.empty((0, len(lower))), 0
-    most = max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
-    while len(found) < poses and drawn < most:
-        q = rng.uniform(lower, upper, (_DRAWN, len(lower)))
-        found, drawn = np.vstack([found, q[_on_screen(beams_at(errors, x, q), where)]]), drawn + _DRAWN
+    where, most = area or ScreenArea(), max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
+
+    def on_screen(beams: Beams) -> Mask:
+        return np.asarray((where.holds(beams.spots) & beams.makes_spot(nearest=_LEAST_LENGTH)).all(axis=1))
+
+    found, drawn = _drawn(errors, x, joint_limits(robot) if limits is None else limits, poses, rng, on_screen, most)
     if len(found) < poses:
         raise UsageError(
             f"only {len(found)} of {drawn} random poses put every beam on the screen, {poses} were asked for; "
             "move the screen or the module, or make the screen larger"
         )
-    return found[:poses]
+    return found
 
 
-def _on_screen(beams: Beams, area: ScreenArea) -> Mask:
-    return np.asarray((area.holds(beams.spots) & beams.makes_spot(nearest=_LEAST_LENGTH)).all(axis=1))
+def _drawn(
+    errors: ErrorModel, x: Vector, limits: Matrix, poses: int, rng: np.random.Generator, good: Callable[[Beams], Mask], most: int
+) -> tuple[Matrix, int]:
+    """Joint positions within limits (2, inputs) whose beams are good, at most so many, and how many were drawn until there were enough."""
+    found, drawn = np.empty((0, len(limits[0]))), 0
+    while len(found) < poses and drawn < most:
+        q = rng.uniform(limits[0], limits[1], (_BATCH, len(limits[0])))
+        found, drawn = np.vstack([found, q[good(beams_at(errors, x, q))]]), drawn + _BATCH
+    return found[:poses], drawn
