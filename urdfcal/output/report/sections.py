@@ -54,10 +54,10 @@ def frames_section(calibration: FitResult) -> Section:
 
 
 def _frame_row(entry: dict[str, Any]) -> tuple[Cell, ...]:
-    lengths = [f"{length / MM:.3f}" for length in entry["xyz"]] + [f"{entry['sigma'] / MM:.3f}"]
-    if entry["rotation_sigma"] is None:
-        return (entry["name"], entry["link"], *lengths, "", "", "", "")
-    return (entry["name"], entry["link"], *lengths, *(f"{angle / DEG:.4f}" for angle in (*entry["rpy"], entry["rotation_sigma"])))
+    placed, turned = entry["sigma"] is not None, entry["rotation_sigma"] is not None
+    lengths = [f"{length / MM:.3f}" for length in (*entry["xyz"], entry["sigma"])] if placed else [""] * 4
+    angles = [f"{angle / DEG:.4f}" for angle in (*entry["rpy"], entry["rotation_sigma"])] if turned else [""] * 4
+    return (entry["name"], entry["link"], *lengths, *angles)
 
 
 def places_section(calibration: FitResult, sets: Sequence[Residuals]) -> Section:

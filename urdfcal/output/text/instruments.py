@@ -83,7 +83,9 @@ def measuring_frame(calibration: FitResult) -> str:
 
 
 def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
-    """Placement of every measuring frame and target on its link, SI, with the root mean variance of its translations and rotations."""
+    """Placement of every measuring frame and target on its link, SI, with the root mean variances of translations and rotations, None of what
+    nobody saw.
+    """
     errors, links = calibration.errors, {target.name: target.link for target in calibration.robot.rig.instruments.targets}
     entries = []
     for slot in errors.slots:
@@ -101,7 +103,7 @@ def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
                     "link": links.get(slot.label, slot.label),
                     "xyz": [float(value) for value in xyz],
                     "rpy": [float(value) for value in rpy],
-                    "sigma": _sigma(calibration, slot, label, "trans"),
+                    "sigma": _sigma(calibration, slot, label, "trans") if SIX[0] in slot.names else None,
                     "rotation_sigma": _sigma(calibration, slot, label, "rot") if SIX[3] in slot.names else None,
                 }
             )

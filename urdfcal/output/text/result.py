@@ -234,7 +234,8 @@ def _frames(calibration: FitResult) -> list[RenderableType]:
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
     for entry in entries:
-        lengths = [*(f"{length / MM:.2f}" for length in entry["xyz"]), f"{entry['sigma'] / MM:.2g}"]
+        placed = entry["sigma"] is not None
+        lengths = [*(f"{length / MM:.2f}" for length in entry["xyz"]), f"{entry['sigma'] / MM:.2g}"] if placed else [""] * 4
         whole = entry["rotation_sigma"] is not None
         angles = (
             [*(f"{angle / DEG:.3f}" for angle in entry["rpy"]), f"{entry['rotation_sigma'] / DEG:.2g}"] if whole else [""] * (4 * turned)
