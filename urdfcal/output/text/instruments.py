@@ -83,8 +83,9 @@ def measuring_frame(calibration: FitResult) -> str:
 
 
 def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
-    """Placement of every measuring frame and target on its link, SI, with the root mean variances of translations and rotations, None of what
-    nobody saw.
+    """Placement of every measuring frame and target on its link, SI, with the root mean variance of its translations and rotations.
+
+    A variance is None where only the other half was seen.
     """
     errors, links = calibration.errors, {target.name: target.link for target in calibration.robot.rig.instruments.targets}
     entries = []
