@@ -47,6 +47,15 @@ def example_robots() -> Path:
 
 
 @pytest.fixture
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The camera that `render` places where none is named has the same field of view on an eighth of its pixels."""
+    from urdfcal.vision.render import usual_camera
+
+    monkeypatch.setattr(usual_camera, "_SIZE", (560, 420))
+    monkeypatch.setattr(usual_camera, "_FOCAL", 525.0)
+
+
+@pytest.fixture
 def run_cli(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Callable[..., CliResult]:
     """Run the command line in this process, in an empty folder; what native code writes is caught too."""
     from urdfcal.cli.main import main

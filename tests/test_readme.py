@@ -55,6 +55,7 @@ def test_the_screen_block_is_taken(tmp_path: Path) -> None:
     assert len(read_screen_markers(tmp_path / "screen.yaml").centres) == 4
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_the_line_without_hardware_runs(checkout: Path, run_cli: Callable[..., CliResult]) -> None:
     """Simulated poses become pictures, pictures spots, and spots a calibrated URDF, as the README has it."""
     (block,) = (block for block in blocks("bash") if "tried without hardware" in block)

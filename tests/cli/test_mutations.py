@@ -115,9 +115,19 @@ def change_number(text: bytes, rng: np.random.Generator) -> bytes:
 MUTATIONS = [flip, put_in, take_out, cut, change_line, swap_words, change_number, change_number]
 
 
+@pytest.fixture(scope="module")
+def kept() -> dict[str, bytes]:
+    """What `good` has made already."""
+    return {}
+
+
 @pytest.fixture
-def good(run_cli: Callable[..., CliResult], tmp_path: Path) -> dict[str, bytes]:
-    """Files with which every command succeeds."""
+def good(kept: dict[str, bytes], run_cli: Callable[..., CliResult], tmp_path: Path) -> dict[str, bytes]:
+    """Files with which every command succeeds, made once."""
+    if kept:
+        for name, content in kept.items():
+            (tmp_path / name).write_bytes(content)
+        return kept
     for name, text in (("small.urdf", URDF), ("small.xacro", XACRO), ("rig.yaml", RIG)):
         (tmp_path / name).write_text(text)
     assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--poses", "12", "--errors", "1mm,0.1deg", "--spot-noise-mm", "0.3").code == 0
@@ -131,7 +141,8 @@ def good(run_cli: Callable[..., CliResult], tmp_path: Path) -> dict[str, bytes]:
     files = {name: (tmp_path / name).read_bytes() for name in COMMANDS}
     for name in set(os.listdir(tmp_path)) - set(files):
         (tmp_path / name).unlink()
-    return files
+    kept.update(files)
+    return kept
 
 
 def complaint(result: CliResult, command: str, left: set[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -9,11 +10,17 @@ import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector, distance_mm_mrad
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, robot_from
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.spots import beams_at
 
 ROBOTS = ("arm7", "arm4", "panda", "ur5", "tiago")
+
+
+def without_meshes(robot: Robot) -> Robot:
+    """The robot without the shapes of its description: views draw simple ones, and read no meshes."""
+    text = re.sub(rb"<(visual|collision)\b.*?</\1>", b"", robot.description.text, flags=re.DOTALL)
+    return robot_from(replace(robot.description, text=text))
 
 
 def with_joint(index: int, factor: float = 1.0, shift: float = 0.0) -> Callable[[Measurements], Measurements]:

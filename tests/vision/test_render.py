@@ -148,6 +148,7 @@ def test_the_usual_camera_is_placed_for_most_spots(rng: np.random.Generator) -> 
     assert in_picture(usual_camera(spots, marks), np.vstack([spots, marks])).all()
 
 
+@pytest.mark.usefixtures("small_pictures")
 def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
     """Beams beside a stated screen make no spot, a spot far off is outside of the picture, and both are counted; so are tiny spots."""
     joints = ",".join(f"joint{k}" for k in range(1, 8))

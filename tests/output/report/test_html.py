@@ -185,13 +185,6 @@ def test_names_from_files_are_escaped(written: Written, ending: str) -> None:
         assert "<script>alert(1)</script>&|`$x$`_關節.rot_z" in Outline(text).text
 
 
-def test_without_test_poses_the_report_says_so(robots: dict[str, Robot], written: Written) -> None:
-    """A report of fitted poses alone has no pictures of test poses and mentions that nothing was tested."""
-    page = written(simulated(robots["arm4"]), ".html")
-    assert "No test poses" in page
-    assert "Test poses after calibration" not in page
-
-
 @pytest.mark.parametrize("ending", [".html", ".md", ".json"])
 def test_a_fit_that_did_not_converge_is_reported_as_bad(robots: dict[str, Robot], written: Written, ending: str) -> None:
     """After a single sweep the report is written all the same, and its verdict is not to use the result."""
@@ -271,11 +264,13 @@ def test_many_poses_stay_small(robots: dict[str, Robot], written: Written) -> No
     assert len(written(simulated(robots["ur5"], fitted=800, tested=200), ".html")) < 1.5e6
 
 
-def test_measurements_without_labels_or_a_beam(robots: dict[str, Robot], written: Written) -> None:
-    """Data from arrays, with a beam that is never seen, give a page too."""
+def test_measurements_without_labels_or_a_beam_or_test_poses(robots: dict[str, Robot], written: Written) -> None:
+    """Data from arrays, with a beam that is never seen, give a page too; without test poses it has no pictures of them, and says so."""
     robot = robots["ur5"]
     calibration = simulated(robot, fitted=60)
     spots = calibration.data.spots.copy()
     spots[:, 1] = np.nan
     page = written(fit(robot, measurements_from(robot, calibration.data.q, spots)), ".html")
     assert "laser_1" in Outline(page).text
+    assert "No test poses" in page
+    assert "Test poses after calibration" not in page

@@ -16,7 +16,7 @@ import pinocchio as pin
 import pytest
 
 from tests.support.browser import Browser, Picture, find_browser
-from tests.support.helpers import ROBOTS
+from tests.support.helpers import ROBOTS, without_meshes
 from tests.support.sensor_cases import SensorCase, setup_of
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.geometry import Matrix, Vector
@@ -344,7 +344,7 @@ def test_a_beam_that_misses_is_dashed(browser: Browser, tmp_path: Path) -> None:
 def test_targets_are_where_they_were_read(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
     """Balls at the measured points and crosses at the predicted ones, by Pinocchio's frames; the pose's errors are the scene's."""
     rng = np.random.default_rng(8)
-    setup = setup_of(SensorCase("ur5", ("pose:tool0",)), robots, rng)
+    setup = setup_of(SensorCase("ur5", ("pose:tool0",)), {"ur5": without_meshes(robots["ur5"])}, rng)
     data = simulate_readings(setup, 12, rng)
     text = with_origins(setup.robot.description, setup.errors.corrected_origins(setup.x))
     view = view_of(setup.robot, data, robot_from(replace(setup.robot.description, text=text)))
@@ -422,7 +422,7 @@ def test_a_small_window_folds_the_legend(browser: Browser, arm7_page: Path) -> N
 
 def test_beams_keep_their_colours_beside_uncalibrated_ones(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
     """After a small calibration both run side by side: the uncalibrated ones hide little of the calibrated ones' colours."""
-    robot = robots["ur5"]
+    robot = without_meshes(robots["ur5"])
     data, corrected = measured(robot, 3, 0.1)
     view_of(robot, data, corrected).write_html(tmp_path / "ur5.html")
     browser.open(tmp_path / "ur5.html")

@@ -6,13 +6,16 @@ import base64
 import gzip
 import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from tests.support.helpers import ROBOTS, without_meshes
 from tests.support.paths import SHARED_DATA
 from tests.support.sensor_cases import CASES, SINGLE, setup_of
 from urdfcal.api import fit
@@ -36,6 +39,7 @@ from urdfcal.sensors.readings import Readings
 from urdfcal.simulation.readings import ReadingNoise, simulate_readings
 from urdfcal.simulation.truth import random_truth
 
+Seen = Callable[[str], tuple[Robot, Measurements, Robot]]
 DRAWN = [*SINGLE, "reference carried", "hand sees hand", "several targets", "lasers and points", "every kind"]
 
 
@@ -46,6 +50,18 @@ def seen(name: str, robots: dict[str, Robot], rng: np.random.Generator, poses: i
     text = with_origins(setup.robot.description, setup.errors.corrected_origins(setup.x))
     true = robot_from(replace(setup.robot.description, text=text), screen=setup.robot.screen, lasers=setup.robot.lasers)
     return setup.robot, data, true
+
+
+@pytest.fixture(scope="module")
+def plain(robots: dict[str, Robot]) -> dict[str, Robot]:
+    """The robots without meshes, for views of which only the scene is looked at."""
+    return {name: without_meshes(robots[name]) for name in ROBOTS}
+
+
+@pytest.fixture(scope="module")
+def measured(robots: dict[str, Robot]) -> Seen:
+    """What is `seen` of a case in 40 poses, made once for all tests."""
+    return cache(lambda name: seen(name, robots, np.random.default_rng(20261122)))
 
 
 def drawn(robot: Robot, data: Measurements, true: Robot | None = None) -> Scene:
@@ -71,9 +87,9 @@ def there(mark: Mark, places: Matrix) -> Matrix:
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_the_true_robot_has_its_crosses_on_the_balls(name: str, measured: Seen) -> None:
     """With the robot that made the measurements every prediction is the reading; the nominal one's are millimetres off."""
-    robot, data, true = seen(name, robots, rng)
+    robot, data, true = measured(name)
     scene = drawn(robot, data, true)
     assert [(mark.sensor.name, mark.target) for mark in scene.placed[1].marks] == [(own.sensor, own.target) for own in data.readings]
     for group in scene.groups.values():
@@ -86,9 +102,9 @@ def test_the_true_robot_has_its_crosses_on_the_balls(name: str, robots: dict[str
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_the_table_is_the_one_of_evaluate(name: str, measured: Seen) -> None:
     """The mean errors beside the picture are those that `urdfcal evaluate` prints."""
-    robot, data, _ = seen(name, robots, rng)
+    robot, data, _ = measured(name)
     scene = drawn(robot, data)
     table = evaluate(robot, data)
     assert [row.name for row in scene.compared] == list(table)
@@ -96,9 +112,9 @@ def test_the_table_is_the_one_of_evaluate(name: str, robots: dict[str, Robot], r
         assert row.means[0] == pytest.approx(table[row.name].mean, rel=1e-6)
 
 
-def test_what_is_said_of_the_instruments_holds_in_the_view(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_what_is_said_of_the_instruments_holds_in_the_view(plain: dict[str, Robot], rng: np.random.Generator) -> None:
     """A known reference and a held offset: the scene has the figures of `evaluate` and of the fit, which others would beat."""
-    robot, data, _ = seen("reference known", robots, rng)
+    robot, data, _ = seen("reference known", plain, rng)
     options = ModelOptions(reference_known=True, fix=("*panda_link8*",), single={"camera.*": ParameterPrior(fixed=True)})
     table = evaluate(robot, data, replace(options, single={}))
     calibration = fit(robot, data, options=replace(options, single={}), sane=False)
@@ -111,9 +127,9 @@ def test_what_is_said_of_the_instruments_holds_in_the_view(robots: dict[str, Rob
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_targets_ride_on_their_links(name: str, measured: Seen) -> None:
     """Put into the root by the drawn measuring frame, a predicted target is one and the same point of its link, by Pinocchio's frames."""
-    robot, data, _ = seen(name, robots, rng, 30)
+    robot, data, _ = measured(name)
     scene = drawn(robot, data)
     whole = whole_configurations(scene.robot, data.q)
     frames = robot.model.createData()
@@ -128,9 +144,9 @@ def test_targets_ride_on_their_links(name: str, robots: dict[str, Robot], rng: n
         np.testing.assert_allclose(on_link, np.tile(on_link[0], (len(on_link), 1)), atol=1e-9)
 
 
-def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_each_kind_is_drawn_where_its_reading_has_the_target(measured: Seen) -> None:
     """A ball is at the read point, at the read distance from the wire's end, on the plane, or in the one socket that was touched."""
-    robot, data, _ = seen("every kind", robots, rng)
+    robot, data, _ = measured("every kind")
     scene = drawn(robot, data)
     for mark, readings in zip(targets(scene).marks, [each for each in data.readings if not each.kind.beam], strict=True):
         read = there(mark, mark.read)
@@ -147,10 +163,10 @@ def test_each_kind_is_drawn_where_its_reading_has_the_target(robots: dict[str, R
             assert len(np.unique(np.round(read, 9), axis=0)) == len(readings.touched)
 
 
-def test_pixels_are_drawn_as_spots_and_on_rays(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_pixels_are_drawn_as_spots_and_on_rays(plain: dict[str, Robot], rng: np.random.Generator) -> None:
     """Of a laser the camera's spot on the screen; of a board all corners on their rays, one row in the table, and a few marks that move."""
     camera = vision_camera()
-    robot, grid, n = robots["panda"], Grid(4, 3, 0.05), 12
+    robot, grid, n = plain["panda"], Grid(4, 3, 0.05), 12
     errors, zero = random_truth(robot, rng, 0.0, 0.0)
     bare = measurements_from(robot, draw_poses(robot, errors, zero, n, rng), np.full((n, 2, 2), np.nan))
     blank, none = np.full(n, ""), np.full(n, np.nan)
@@ -169,9 +185,9 @@ def test_pixels_are_drawn_as_spots_and_on_rays(robots: dict[str, Robot], rng: np
         np.testing.assert_allclose(camera.project(mark.read[ahead]), own[ahead], atol=1e-6)
 
 
-def test_missing_readings_are_not_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_missing_readings_are_not_drawn(plain: dict[str, Robot], rng: np.random.Generator) -> None:
     """A pose without a reading has no ball, no number in the table, and nothing that is not finite in the page."""
-    robot, data, true = seen("pose", robots, rng, 8)
+    robot, data, true = seen("pose", plain, rng, 8)
     holes = np.arange(8) == 2
     view = view_of(robot, replace(data, readings=tuple(each.without(holes) for each in data.readings)), true)
     assert [int(np.isnan(mark.read[:, 0]).sum()) for mark in targets(view.scene).marks] == [1, 1]
@@ -193,9 +209,9 @@ def test_of_very_many_poses_the_worst_target_is_animated(robots: dict[str, Robot
     assert 37 in key_frames(scene).rows
 
 
-def test_one_session_is_shown(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_one_session_is_shown(plain: dict[str, Robot], rng: np.random.Generator) -> None:
     """Each session has a measuring frame of its own; the first one's is drawn, and that is said."""
-    robot, data, true = seen("sessions", robots, rng)
+    robot, data, true = seen("sessions", plain, rng)
     view = view_of(robot, data, true)
     assert set(view.scene.data.sessions) == {"monday"}
     assert "20 poses of other sessions" in view.warnings[0]
@@ -238,9 +254,9 @@ def test_marks_and_arrows_have_the_size_that_is_asked_for(rng: np.random.Generat
         np.testing.assert_allclose(off[..., 0], 0.0, atol=1e-6)
 
 
-def test_errors_of_calibrated_robots_are_longer_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+def test_errors_of_calibrated_robots_are_longer_drawn(measured: Seen) -> None:
     """Millimetres are drawn a few times longer, hundredths many times; what is asked for is done."""
-    robot, data, true = seen("point", robots, rng)
+    robot, data, true = measured("point")
     before, after = drawn(robot, data), drawn(robot, data, true)
     assert targets(before).magnification <= 20 < targets(after).magnification
     assert targets(replace(after, magnify=3)).magnification == 3
