@@ -5,6 +5,7 @@ Where the marks must be is computed here from the measurements and Pinocchio's o
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -100,9 +101,13 @@ def complaints(browser: Browser) -> list[str]:
 
 def show_only(browser: Browser, *wanted: str) -> None:
     """Tick these boxes of the legend and no other of the robot and the marks."""
-    for name, path in LEGEND.items():
-        find = f"[...document.querySelectorAll('#panel input')].find(box => box.dataset.paths.split(' ').includes('{path}'))"
-        browser.run(f"(() => {{ const box = {find}; if (box && box.checked !== {'true' if name in wanted else 'false'}) box.click(); }})()")
+    ticked = json.dumps({path: name in wanted for name, path in LEGEND.items()})
+    browser.run(
+        "(() => { const boxes = [...document.querySelectorAll('#panel input')];"
+        f"for (const [path, on] of Object.entries({ticked})) {{"
+        "  const box = boxes.find(box => box.dataset.paths.split(' ').includes(path));"
+        "  if (box && box.checked !== on) box.click(); } })()"
+    )
 
 
 def show_pose_marks(browser: Browser, on: bool) -> None:
