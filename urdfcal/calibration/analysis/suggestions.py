@@ -1,32 +1,43 @@
 """Whether further measurements would be worth the trouble: what is open before and after them.
 
-Where instruments beside lasers measure, more range of a joint or the orientation of a target may help. Touches are left alone: which
-poses reach a socket or a plane is for whoever stands beside the robot to say.
+More range of a joint may help with every instrument; with lasers alone a second beam, or a screen that stands elsewhere; with targets
+their orientation. Touches are left alone: which poses reach a socket or a plane is for whoever stands beside the robot to say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
 
 import numpy as np
+import pinocchio as pin
 
-from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector, X, Y
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.estimation.ekf import Belief, compress, update
 from urdfcal.estimation.identifiability import identify
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.gauge import build_error_model
+from urdfcal.model.gauge import build_error_model, missing_screen_parameters
+from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, start_sigma
+from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.sensors.measurements import Measurements, as_measured, measurements_from, start_sigma
 from urdfcal.sensors.readings import Readings, blank_readings
+from urdfcal.sensors.spots import beams_at, beams_of, spot_jacobian
 
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
+_SPREADS = 60 * DEG, -60 * DEG, 30 * DEG, -30 * DEG  # angles between a laser and the second one that is tried, until one is seen
+_MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
+_ELSEWHERE = "tried elsewhere"
+_REACH = 3.0  # [m] longest beam of a pose that is suggested
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,12 @@ def is_wider(new: Vector, old: Vector) -> bool:
     return bool(np.ptp(new) > 1.2 * np.ptp(old) + 1e-9)
 
 
+def in_words(positions: Vector, joint: UrdfJoint) -> str:
+    """The range of a joint's positions, in mm or degrees."""
+    unit, size = ("mm", MM) if joint.prismatic else ("deg", DEG)
+    return f"{positions.min() / size:.0f} to {positions.max() / size:.0f} {unit}"
+
+
 @dataclass(frozen=True)
 class Trial:
     """What further measurements are tried against.
@@ -102,24 +119,119 @@ class Trial:
     noise: Noise
     x: Vector
 
+    @property
+    def lasers_alone(self) -> bool:
+        """Whether nothing but spots was measured."""
+        return not self.data.instruments.needed
+
     def rows(self, data: Measurements) -> Matrix:
         """Whitened Jacobian of some measurements, (m, p)."""
         return whitened(self.errors, data, self.noise, self.x)
 
+    @cached_property
+    def measured(self) -> Matrix:
+        """Whitened Jacobian of the poses that there are, (m, p)."""
+        return self.rows(self.data)
 
-def reading_suggestions(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
-    """Further measurements that remove more of the open uncertainty than as many more of the same would."""
-    H = trial.rows(trial.data)
-    same = posterior_of(trial.errors, np.vstack([H, H]))
+    def posterior_with(self, extra: Matrix) -> Matrix:
+        """Covariance that the poses that there are and further rows of the whitened Jacobian leave, (p, p)."""
+        return posterior_of(self.errors, np.vstack([self.measured, extra]))
+
+
+def suggestions(trial: Trial, rng: np.random.Generator) -> tuple[Suggestion, ...]:
+    """Further measurements that remove more of the open uncertainty than as many more of the same would, best first."""
+    same = trial.posterior_with(trial.measured)
     known, before = set(determined_names(trial.errors, same)), open_share(trial.errors, same)
-    if all(reading.kind.anywhere for reading in trial.data.readings):
-        for words, further in _more_range(trial, rng):
-            yield from if_worth(trial.errors, words, before, posterior_of(trial.errors, np.vstack([H, trial.rows(further)])), known)
-    for words, P in _orientations(trial):
-        yield from if_worth(trial.errors, words, before, P, known)
+    worth = [each for words, P in _candidates(trial, rng) for each in if_worth(trial.errors, words, before, P, known)]
+    if trial.lasers_alone:
+        worth += _missing_yaw(trial)
+    return tuple(sorted(worth, key=lambda suggestion: -suggestion.gain))
 
 
-def _more_range(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Measurements]]:
+def _candidates(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:
+    """Further measurements, and the posterior with them."""
+    if trial.lasers_alone:
+        yield from _range_on_the_screen(trial, rng)
+        yield from _second_beam(trial)
+        yield from _moved_screen(trial)
+    elif all(reading.kind.anywhere for reading in trial.data.readings):
+        yield from _range_anywhere(trial, rng)
+    yield from _orientations(trial)
+
+
+def _range_on_the_screen(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:
+    """As many poses again, each with one joint anywhere within its limits at which the beams still meet the screen."""
+    robot, errors, data = trial.robot, trial.errors, trial.data
+    lower, upper = joint_limits(robot)
+    for index, joint in enumerate(robot.chain.inputs):
+        q = np.repeat(data.q, 8, axis=0)
+        q[:, index] = rng.uniform(lower[index], upper[index], len(q))
+        q = q[_meets_screen(errors, q)][rng.permutation(np.count_nonzero(_meets_screen(errors, q)))][: len(data)]
+        if len(q) < len(data) // 2 or not is_wider(q[:, index], data.q[:, index]):
+            continue
+        poses = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
+        first = replace(poses, sessions=np.full(len(q), errors.sessions[0]))
+        has, reach = in_words(data.q[:, index], joint), in_words(q[:, index], joint)
+        words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {reach}"
+        yield words, trial.posterior_with(whitened(errors, first, trial.noise, errors.mean))
+
+
+def _meets_screen(errors: ErrorModel, q: Matrix) -> Mask:
+    return np.asarray(beams_at(errors, errors.mean, q).makes_spot(farthest=_REACH).all(axis=1))
+
+
+def _second_beam(trial: Trial) -> Iterator[tuple[str, Matrix]]:
+    """A further beam turned away from the one that is seen, where only one is."""
+    errors, data = trial.errors, trial.data
+    if (np.count_nonzero(data.seen, axis=1) > 1).any() or any(parameter.kind == "beam" for parameter in errors.parameters):
+        return
+    seen = int(np.argmax(data.seen.any(axis=0)))
+    arm, placed = ArmKinematics(errors.chain), errors.placements(errors.mean, errors.sessions[0])
+    motion = motion_at(arm, placed, arm.chain_positions(data.q))
+    own = motion.frames[errors.chain.laser_frames[seen]]
+    for angle, axis in product(_SPREADS, (X, Y)):
+        beams = beams_of(own[:, None, :, 3], (own[:, :, :3] @ pin.exp3(axis * angle)[:, 2])[:, None])
+        hits = beams.makes_spot(farthest=_REACH)[:, 0]
+        if hits.mean() > 0.5:
+            J = (spot_jacobian(beams.spots, beams.direction)[:, 0] @ motion.jac1)[hits]
+            words = f"a second beam, turned by about {abs(angle) / DEG:.0f} deg against {trial.robot.rig.lasers[seen]}"
+            yield words, trial.posterior_with(J.reshape(-1, J.shape[-1]) / trial.noise.spot_sigma)
+            return
+
+
+def _moved_screen(trial: Trial) -> Iterator[tuple[str, Matrix]]:
+    """The same poses seen on a screen that stands elsewhere."""
+    robot, errors, data = trial.robot, trial.errors, trial.data
+    if not errors.chain.steps[0].forward and errors.chain.screen_joint is None:
+        return
+    free = replace(trial.options, fix=(), only=())
+    every = build_error_model(robot.chain, robot.rig, free, (*errors.sessions, _ELSEWHERE)).parameters
+    further = tuple(parameter for parameter in every if f":{_ELSEWHERE}." in parameter.name)
+    moved = replace(errors, parameters=(*errors.parameters, *further), sessions=(*errors.sessions, _ELSEWHERE))
+    x = moved.mean.copy()
+    for name, value in _MOVED_SCREEN.items():
+        x[[own == f"{robot.rig.base}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
+    again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
+    linearisation = problem_of(moved, again, trial.noise).linearise(x)
+    extra = trial.noise.weights(linearisation).jacobian(_without_lost(linearisation))
+    wide = np.hstack([trial.measured, np.zeros((len(trial.measured), len(further)))])
+    words = "the same poses once more with the screen moved and turned (mark them as another `session`)"
+    yield words, posterior_of(moved, np.vstack([wide, extra]))
+
+
+def _without_lost(linearisation: Linearisation) -> Linearisation:
+    """Beams that no longer meet a moved screen do not count."""
+    bad = ~np.isfinite(linearisation.jacobian).all(axis=2) | (np.abs(linearisation.jacobian).max(axis=2) > 1e2)
+    return replace(linearisation, jacobian=np.where(bad[..., None], 0.0, linearisation.jacobian))
+
+
+def _missing_yaw(trial: Trial) -> Iterator[Suggestion]:
+    missing = missing_screen_parameters(trial.robot.chain, trial.robot.rig, trial.errors)
+    if missing:
+        yield Suggestion("--estimate screen: the base frame lies on the screen, whose placement is not complete without it", 1.0, missing)
+
+
+def _range_anywhere(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:
     """As many poses again, each with one joint anywhere within its limits."""
     lower, upper = joint_limits(trial.robot)
     for index, joint in enumerate(trial.robot.chain.inputs):
@@ -127,13 +239,11 @@ def _more_range(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, M
         q[:, index] = rng.uniform(lower[index], upper[index], len(q))
         if not is_wider(q[:, index], trial.data.q[:, index]):
             continue
-        unit, size = ("mm", MM) if joint.prismatic else ("deg", DEG)
-        has = f"{trial.data.q[:, index].min() / size:.0f} to {trial.data.q[:, index].max() / size:.0f} {unit}"
-        words = (
-            f"more range of {joint.name}: it moves from {has}, its limits are {lower[index] / size:.0f} to {upper[index] / size:.0f} {unit}"
-        )
+        has, limits = in_words(trial.data.q[:, index], joint), in_words(np.array([lower[index], upper[index]]), joint)
+        words = f"more range of {joint.name}: it moves from {has}, its limits are {limits}"
         moved = replace(trial.data, q=q, lengths=())
-        yield words, replace(moved, readings=tuple(_as_predicted(trial, moved, reading) for reading in trial.data.readings))
+        further = replace(moved, readings=tuple(_as_predicted(trial, moved, reading) for reading in trial.data.readings))
+        yield words, trial.posterior_with(trial.rows(further))
 
 
 def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
