@@ -24,8 +24,8 @@ import pinocchio as pin
 from urdfcal.base.geometry import Vector
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.pictures import picture_from, read_picture
+from urdfcal.vision.render.image_sensor import ImageSensor
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare, spot_light
-from urdfcal.vision.render.sensor import Sensor
 from urdfcal.vision.spots.detector import PixelSpot, find_spots
 from urdfcal.vision.spots.labels import label_spots
 from urdfcal.vision.spots.series import put_together
@@ -84,7 +84,7 @@ def random_beams(kind: str, rng: np.random.Generator) -> list[Beam]:
 
 
 def picture(
-    kind: str, camera: Camera, behind: np.ndarray, sensor: Sensor, rng: np.random.Generator
+    kind: str, camera: Camera, behind: np.ndarray, sensor: ImageSensor, rng: np.random.Generator
 ) -> tuple[np.ndarray, dict[str, Vector], list[Beam]]:
     """A picture, the true centres in it by laser, and the lasers."""
     light = behind.copy()
@@ -164,7 +164,7 @@ def main() -> None:
         for kind, tally in tallies.items():
             for index in range(arguments.pictures):
                 real = kind == "hard" and index % 2 == 1
-                judge(tally, camera, *picture(kind, camera, behind, Sensor(mosaic=real, tone=real), rng))
+                judge(tally, camera, *picture(kind, camera, behind, ImageSensor(mosaic=real, tone=real), rng))
         print(f"camera {number + 1} of {arguments.cameras}", flush=True)
     for kind, tally in tallies.items():
         print(tally.line(kind))

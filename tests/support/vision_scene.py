@@ -7,8 +7,8 @@ import pinocchio as pin
 
 from urdfcal.base.geometry import Vector
 from urdfcal.sensors.camera import Camera
+from urdfcal.vision.render.image_sensor import ImageSensor, Pixels
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, spot_light
-from urdfcal.vision.render.sensor import Pixels, Sensor
 
 
 def camera(
@@ -44,4 +44,4 @@ def shot(
         own, rows, columns = found
         light[rows, columns] += own
         truth.append(view.pixels_of_spots(spot[None])[0])
-    return Sensor().expose(light, rng), truth
+    return ImageSensor().expose(light, rng), truth

@@ -15,9 +15,9 @@ from tests.support.vision_scene import camera
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.camera.camera_file import camera_yaml
 from urdfcal.vision.camera.markers import ScreenMarkers
+from urdfcal.vision.render.image_sensor import ImageSensor
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, spot_light
 from urdfcal.vision.render.pictures import in_picture
-from urdfcal.vision.render.sensor import Sensor
 from urdfcal.vision.render.usual_camera import usual_camera
 
 ARM = ROBOTS_DIR / "arm7" / "arm7.urdf.xacro"
@@ -48,7 +48,7 @@ def test_markers_are_seen_where_they_are() -> None:
     """OpenCV's detector finds the rendered markers, with their corners where the lens puts them."""
     markers = ScreenMarkers("DICT_4X4_50", 0.1, {0: (0.2, 0.12), 3: (-0.15, -0.1)})
     view = camera(size=(640, 480), oblique_deg=35.0)
-    pixels = Sensor().expose(backdrop(view, Lighting(0.4), markers), np.random.default_rng(0))
+    pixels = ImageSensor().expose(backdrop(view, Lighting(0.4), markers), np.random.default_rng(0))
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     corners, ids, _ = detector.detectMarkers(cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
     assert sorted(np.ravel(ids)) == [0, 3]
@@ -59,7 +59,7 @@ def test_markers_are_seen_where_they_are() -> None:
 
 def test_the_sensor_s_noise_is_what_is_stated() -> None:
     """Mean and standard deviation of a flat picture are those of shot and read noise, and light beyond full scale clips."""
-    sensor = Sensor(well=10000, read=12, uneven=0, black=0.01)
+    sensor = ImageSensor(well=10000, read=12, uneven=0, black=0.01)
     pixels = sensor.expose(np.full((200, 200, 3), 0.4), np.random.default_rng(0)).astype(float)
     assert pixels.mean() == pytest.approx(255 * 0.41, abs=0.05)
     assert pixels.std() == pytest.approx(255 * np.sqrt(4000 + 144) / 10000, rel=0.03)

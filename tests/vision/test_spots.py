@@ -12,8 +12,8 @@ from tests.support.vision_scene import camera, shot
 from urdfcal.base.errors import InputError, MeasurementError, UsageError
 from urdfcal.base.tables import read_table
 from urdfcal.vision.pictures import by_pose, image_files, picture_from, read_picture
+from urdfcal.vision.render.image_sensor import ImageSensor
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare
-from urdfcal.vision.render.sensor import Sensor
 from urdfcal.vision.spots.detector import PixelSpot, Sighting, find_spots
 from urdfcal.vision.spots.labels import label_spots
 from urdfcal.vision.spots.series import PoseSpots, put_together, without_still
@@ -49,7 +49,7 @@ def test_glare_alone_gives_no_spot(rng: np.random.Generator) -> None:
     """Lamps, glints, streaks and lens reflections of any tint are not spots."""
     view = camera()
     behind = backdrop(view, Lighting(0.2))
-    found = [find_spots(picture_from(Sensor().expose(behind + glare(view.size, 8, rng), rng))).spots for _ in range(6)]
+    found = [find_spots(picture_from(ImageSensor().expose(behind + glare(view.size, 8, rng), rng))).spots for _ in range(6)]
     assert [spots for spots in found if spots] == []
 
 

@@ -183,7 +183,7 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
 
 @dataclass(frozen=True)
 class FitTask:
-    """What is to be fitted, and how: the arguments of `calibration.fit` once they were looked at.
+    """What is to be fitted, and how: the arguments of `fit` once they were looked at.
 
     Attributes:
         robot: The nominal robot, as it was measured.

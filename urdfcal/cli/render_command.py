@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.camera import Camera
     from urdfcal.vision.camera.markers import ScreenMarkers
-    from urdfcal.vision.render.pictures import Beams
+    from urdfcal.vision.render.pictures import LitSpots
 
 
 _COLOURS = ("red", "green", "blue")
@@ -81,9 +81,9 @@ def render(
     from urdfcal.base.tables import read_table
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.markers import read_screen_markers
+    from urdfcal.vision.render.image_sensor import ImageSensor
     from urdfcal.vision.render.light import Beam, Lighting
     from urdfcal.vision.render.pictures import Studio, pictures, png, truth_csv
-    from urdfcal.vision.render.sensor import Sensor
     from urdfcal.vision.render.usual_camera import usual_camera
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
@@ -112,7 +112,7 @@ def render(
         view,
         [Beam(word, look.width, look.brightness, look.halo) for word in words],
         Lighting(light, gradient, screen_size=side or 3.0),
-        Sensor(tone=tone, mosaic=mosaic),
+        ImageSensor(tone=tone, mosaic=mosaic),
         layout,
         glare,
         missing,
@@ -149,19 +149,19 @@ def render(
     )
 
 
-def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> Beams:
+def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> LitSpots:
     """Spots and directions: those of the file where it has any, else the robot's."""
     from urdfcal.base.tables import read_table
     from urdfcal.sensors.joint_columns import joint_positions
     from urdfcal.sensors.measurements_csv import read_measurements
-    from urdfcal.vision.render.pictures import Beams, nominal_beams
+    from urdfcal.vision.render.pictures import LitSpots, nominal_spots
 
     table = read_table(poses, "a column a joint", "one row a pose")
     shown = _corrected(arm, calibrated) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
-        return Beams(data.spots, nominal_beams(arm, data.q).direction)
-    return nominal_beams(shown, joint_positions(table, arm))
+        return LitSpots(data.spots, nominal_spots(arm, data.q).direction)
+    return nominal_spots(shown, joint_positions(table, arm))
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:
@@ -178,7 +178,7 @@ def _corners(layout: ScreenMarkers | None) -> Matrix | None:
     return None if layout is None else np.vstack([layout.corners_of(marker)[:, 1:] for marker in layout.centres])
 
 
-def _unshown(meant: Beams, beams: Beams, view: Camera, count: int) -> list[str]:
+def _unshown(meant: LitSpots, beams: LitSpots, view: Camera, count: int) -> list[str]:
     """A warning about spots that no picture shows: the robot's, those on the screen, and how many are shown."""
     from urdfcal.vision.render.pictures import in_picture
 
@@ -188,7 +188,7 @@ def _unshown(meant: Beams, beams: Beams, view: Camera, count: int) -> list[str]:
     return [f"not shown of {meant.count} spots: {', '.join(told)}"] if told else []
 
 
-def _too_small(beams: Beams, view: Camera, diameter: float) -> list[str]:
+def _too_small(beams: LitSpots, view: Camera, diameter: float) -> list[str]:
     """A warning about spots that hardly a pixel shows."""
     import numpy as np
 

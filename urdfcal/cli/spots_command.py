@@ -208,6 +208,6 @@ def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:
 def _predicted(arm: Robot, table: Table, rows: list[int]) -> Array3:
     """Spots of the nominal robot in the poses' order."""
     from urdfcal.sensors.joint_columns import joint_positions
-    from urdfcal.vision.render.pictures import nominal_beams
+    from urdfcal.vision.render.pictures import nominal_spots
 
-    return nominal_beams(arm, joint_positions(table, arm)[rows]).spots
+    return nominal_spots(arm, joint_positions(table, arm)[rows]).spots

@@ -27,7 +27,7 @@ class Camera:
     Attributes:
         size: Width and height of its pictures, [px].
         matrix: (3, 3), [px].
-        distortion: 5 (plain), 8 (rational) or 4 (fisheye) numbers, in the order of `projection.DISTORTION_NAMES`.
+        distortion: 5 (plain), 8 (rational) or 4 (fisheye) numbers, in the order of `lenses.DISTORTION_NAMES`.
         lens: Which of the models.
         T_camera_screen: Where the screen is; None where it is not known.
         side: Whether the camera looks at the screen's front (from its -x side) or at its back.

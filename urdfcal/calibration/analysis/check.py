@@ -68,7 +68,7 @@ def check(
         options: What is to be calibrated.
         spot_sigma: Noise of a spot coordinate, [m].
         sigmas: The same of other readings by kind, [m], [rad] or [px]. What is stated neither so nor with the measurements is as noisy
-            as `reading_kinds.KINDS` has it.
+            as `start_sigma` of its kind has it.
         joint_sigma: Noise of a joint reading, [rad].
         rng: For the poses that suggestions are tried with; seeded by default.
 

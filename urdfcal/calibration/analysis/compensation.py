@@ -14,7 +14,7 @@ hash of the URDF without that comment. Loading refuses any other pair.
 
 Twists of the module by turns of the joints on the way, from Pinocchio's forward kinematics of the whole robot.
 
-`frame_jacobian.py` has the same for the error model, from a model of the way alone; the tests compare the two. This one costs little
+`model.jacobian` has the same for the error model, from a model of the way alone; the tests compare the two. This one costs little
 for a single pose, as control code wants it.
 """
 

@@ -1,6 +1,6 @@
 """The pictures that a camera would have taken of a robot's laser spots, pose by pose. Everything here is simulated.
 
-Light and sensor are in `render_scene` and `render_sensor`; the detector shares no code with them.
+Light is in `light`, the sensor in `image_sensor`; the detector shares no code with them.
 """
 
 from __future__ import annotations
@@ -10,23 +10,22 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.base.tables import csv_text
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.spots import beams_at
 from urdfcal.vision.camera.markers import ScreenMarkers
+from urdfcal.vision.render.image_sensor import ImageSensor, Light, Pixels
 from urdfcal.vision.render.light import Beam, Lighting, backdrop, glare, spot_light
-from urdfcal.vision.render.sensor import Light, Pixels, Sensor
 
 
 @dataclass(frozen=True, eq=False)
-class Beams:
-    """Where beams meet the screen.
+class LitSpots:
+    """Where beams light the screen.
 
     Attributes:
         spots: (n, lasers, 2), [m]; nan for a beam that makes no spot.
@@ -36,10 +35,10 @@ class Beams:
     spots: Array3
     direction: Array3
 
-    def within(self, side: float) -> Beams:
+    def within(self, side: float) -> LitSpots:
         """Those that meet a square screen of some side [m] around the origin; the others make no spot."""
         inside = np.asarray((np.abs(self.spots) <= side / 2).all(axis=-1))
-        return Beams(np.where(inside[..., None], self.spots, np.nan), self.direction)
+        return LitSpots(np.where(inside[..., None], self.spots, np.nan), self.direction)
 
     @property
     def count(self) -> int:
@@ -65,7 +64,7 @@ class Studio:
     camera: Camera
     beams: Sequence[Beam]
     lighting: Lighting = field(default_factory=Lighting)
-    sensor: Sensor = field(default_factory=Sensor)
+    sensor: ImageSensor = field(default_factory=ImageSensor)
     markers: ScreenMarkers | None = None
     glare: int = 0
     missing: float = 0.0
@@ -86,10 +85,10 @@ class Shot:
     pose: int
     frame: int
     pixels: Pixels
-    shown: npt.NDArray[np.bool_]
+    shown: Mask
 
 
-def nominal_beams(robot: Robot, q: Matrix) -> Beams:
+def nominal_spots(robot: Robot, q: Matrix) -> LitSpots:
     """Where the beams of a robot as its description has it meet the screen.
 
     Args:
@@ -98,10 +97,10 @@ def nominal_beams(robot: Robot, q: Matrix) -> Beams:
     """
     errors = build_error_model(robot.chain, robot.rig)
     beams = beams_at(errors, np.zeros(len(errors.names)), q)
-    return Beams(np.where(beams.makes_spot()[..., None], beams.spots, np.nan), beams.direction)
+    return LitSpots(np.where(beams.makes_spot()[..., None], beams.spots, np.nan), beams.direction)
 
 
-def pictures(studio: Studio, beams: Beams, rng: np.random.Generator, dark: bool = False) -> Iterator[Shot]:
+def pictures(studio: Studio, beams: LitSpots, rng: np.random.Generator, dark: bool = False) -> Iterator[Shot]:
     """The pictures of all poses, one after the other.
 
     Args:
@@ -122,14 +121,14 @@ def pictures(studio: Studio, beams: Beams, rng: np.random.Generator, dark: bool 
         yield Shot(-1, 1, studio.sensor.expose(behind, rng, pattern), np.zeros(lasers, dtype=bool))
     for pose in range(n):
         light = np.asarray(behind + glare(studio.camera.size, studio.glare, rng) if studio.glare else behind.copy(), dtype=np.float32)
-        shown: npt.NDArray[np.bool_] = np.asarray(rng.random(lasers) >= studio.missing)
+        shown: Mask = np.asarray(rng.random(lasers) >= studio.missing)
         for index in range(lasers):
             shown[index] = shown[index] and _shine(light, studio, beams, pose, index)
         for frame in range(1, studio.frames + 1):
             yield Shot(pose, frame, studio.sensor.expose(light, rng, pattern), shown)
 
 
-def _shine(light: Light, studio: Studio, beams: Beams, pose: int, index: int) -> bool:
+def _shine(light: Light, studio: Studio, beams: LitSpots, pose: int, index: int) -> bool:
     """Add a spot to the light; False where its centre is not in the picture."""
     spot = beams.spots[pose, index]
     if not np.isfinite(spot).all():
@@ -142,7 +141,7 @@ def _shine(light: Light, studio: Studio, beams: Beams, pose: int, index: int) ->
     return bool(in_picture(studio.camera, spot[None])[0])
 
 
-def in_picture(camera: Camera, spots: Matrix) -> npt.NDArray[np.bool_]:
+def in_picture(camera: Camera, spots: Matrix) -> Mask:
     """Which spots (n, 2), [m], have their centre in a camera's picture, (n,)."""
     pixels = camera.pixels_of_spots(spots)
     return np.asarray(((pixels >= 0) & (pixels <= np.array(camera.size) - 1)).all(axis=1))
@@ -158,7 +157,7 @@ def png(pixels: Pixels) -> bytes:
     return bytes(cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_COMPRESSION, 2])[1])
 
 
-def truth_csv(names: Sequence[str], lasers: Sequence[str], camera: Camera, beams: Beams, shown: Sequence[npt.NDArray[np.bool_]]) -> bytes:
+def truth_csv(names: Sequence[str], lasers: Sequence[str], camera: Camera, beams: LitSpots, shown: Sequence[Mask]) -> bytes:
     """What the pictures show, as CSV: true spots on the screen [m] and in the picture [px]; empty where none is shown.
 
     Args:

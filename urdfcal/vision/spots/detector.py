@@ -11,7 +11,7 @@ A candidate is a spot when all of this holds:
     strength     it is not far weaker than the brightest spot of its colour, as reflections of a spot are
 
 What fails is kept with its reason. What a picture alone cannot tell from a spot, such as the small lamp of a switch, is left to the dark
-picture and to `spot_series`, which knows that spots move from pose to pose.
+picture and to `series`, which knows that spots move from pose to pose.
 """
 
 from __future__ import annotations

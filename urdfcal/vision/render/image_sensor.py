@@ -15,7 +15,7 @@ Light = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Sensor:
+class ImageSensor:
     """A camera's sensor and what it does to the light.
 
     Attributes:
