@@ -16,7 +16,7 @@ from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.geometry import MM, Matrix, cross
 from urdfcal.model.dh import dh_table
 from urdfcal.model.error_model import ErrorModel, parameters_of
-from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.jacobian import ArmKinematics, arm_motion
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import DEFAULT_PRIORS, SESSION_KINDS, Kind, Parameter, PriorScale, matching
 from urdfcal.model.slots import BEAMS, BEAMS4, Slot, beam_slots, require_screen_slot, slots_of
@@ -82,8 +82,7 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     rng = rng or np.random.default_rng(0)
     turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
     q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
-    arm = ArmKinematics(chain)
-    motion = motion_at(arm, errors.placements(np.zeros(len(errors.names)), errors.sessions[0]), arm.chain_positions(q))
+    motion = arm_motion(ArmKinematics(chain), errors, q, np.zeros(len(errors.names)), errors.sessions[0])
     return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
 
 
