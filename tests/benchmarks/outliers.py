@@ -20,7 +20,6 @@ from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import MM
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
-from urdfcal.model.gauge import build_error_model, missing_screen_parameters
 from urdfcal.robot.robot import Robot, load_robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
@@ -82,8 +81,6 @@ def main() -> None:
     arguments = parser.parse_args()
     for name in arguments.robots:
         robot = load_robot(ROBOTS / name / f"{name}.urdf.xacro")
-        missing = missing_screen_parameters(robot.chain, robot.rig, build_error_model(robot.chain, robot.rig))
-        fits = {label: {**how, "estimate": ("screen",) if missing else ()} for label, how in FITS.items()}
         print(
             f"{name}, {arguments.poses} poses, 1 mm noise, {arguments.seeds} seeds: held-out RMS relative to the clean fit (median, worst)"
         )
@@ -94,15 +91,15 @@ def main() -> None:
             q = draw_poses(robot, model, truth, arguments.poses + 200, rng)
             data = simulate(robot, model, truth, q[: arguments.poses], rng, SimulatedNoise(1e-3))
             unseen = measurements_from(robot, q[arguments.poses :], true_spots(robot, model, truth, q[arguments.poses :]))
-            clean = held_out(robot, data, unseen, **fits["ekf, no gate"])
+            clean = held_out(robot, data, unseen, **FITS["ekf, no gate"])
             cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {
                 "10% swapped": with_swapped(data, 0.1, rng),
                 "10% misread": with_wrong_readings(data, 0.1, rng),
             }
             for case, spoilt in cases.items():
-                for label, how in fits.items():
+                for label, how in FITS.items():
                     ratios.setdefault((case, label), []).append(held_out(robot, spoilt, unseen, **how) / clean)
-                told = held_out(robot, untouched(spoilt, data), unseen, **fits["ekf, no gate"])
+                told = held_out(robot, untouched(spoilt, data), unseen, **FITS["ekf, no gate"])
                 ratios.setdefault((case, TOLD), []).append(told / clean)
         for case in dict.fromkeys(case for case, _ in ratios):
             refused = [np.count_nonzero(np.isinf(ratios[case, label])) for label in (*FITS, TOLD)]

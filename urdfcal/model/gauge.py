@@ -1,8 +1,4 @@
-"""The set of parameters that is estimated: options narrowed by the gauge rule, with a word where the model cannot follow the robot.
-
-What no measurement of the module's whole pose could tell apart is not put into the state. The rule is structural: it looks at the
-rank of the full-pose Jacobian at random configurations, before any data and whatever the sensor.
-"""
+"""The set of parameters that is estimated: options narrowed by the gauge rule, with a word where the model cannot follow the robot."""
 
 from __future__ import annotations
 
@@ -13,29 +9,18 @@ from dataclasses import replace
 import numpy as np
 
 from urdfcal.base.errors import RigError, UsageError
-from urdfcal.base.geometry import MM, Matrix, cross
+from urdfcal.base.geometry import MM, cross
 from urdfcal.model.dh import dh_table
 from urdfcal.model.error_model import ErrorModel, parameters_of
-from urdfcal.model.jacobian import ArmKinematics, arm_motion
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import DEFAULT_PRIORS, SESSION_KINDS, Kind, Parameter, PriorScale, matching
 from urdfcal.model.slots import BEAMS, BEAMS4, Slot, beam_slots, require_screen_slot, slots_of
+from urdfcal.model.structure import enter, full_pose_jacobian, independent_columns
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Rig
 from urdfcal.robot.robot import Robot
 
-CONFIGURATIONS = 50
-_DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
-_CARRIERS: dict[Kind, str] = {
-    "screen": "the screen",
-    "reference": "the measuring frame",
-    "mount": "the mount",
-    "target": "the target's offset",
-}
-_PLACES = "places"
 _NOT_THE_ROBOTS = ("reference", "target", "place", "camera")  # found from nothing, whatever is asked of the robot
-_WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
-
 _NEAR_AXIS = 10 * MM
 
 
@@ -69,21 +54,9 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     free = [parameter for parameter in stated if parameter.name not in fixed]
     if not free:
         raise UsageError("nothing is left to estimate: every parameter is fixed")
-    chosen, carried = _gauge(chain, rig, slots, free, options)
+    chosen, carried = enter(chain, rig, slots, free, options.error_model == "auto")
     held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
     return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions))
-
-
-def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None) -> Matrix:
-    """Twists of the module against the screen per parameter at random configurations, (6 CONFIGURATIONS, p).
-
-    Joints turn all the way round, whatever their limits: the rule is about structure, not about reach.
-    """
-    rng = rng or np.random.default_rng(0)
-    turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
-    q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
-    motion = arm_motion(ArmKinematics(chain), errors, q, np.zeros(len(errors.names)), errors.sessions[0])
-    return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
 
 
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
@@ -100,94 +73,6 @@ def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tup
     whole = replace(errors, parameters=(*errors.parameters, *screen), sessions=errors.sessions[:1])
     taken = independent_columns(full_pose_jacobian(chain, whole), range(len(whole.parameters)))
     return tuple(whole.names[column] for column in taken if column >= len(errors.parameters))
-
-
-def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
-    """Take columns in order, each only if it raises the rank of those taken before it."""
-    basis = np.empty((len(jacobian), 0))
-    taken = []
-    for column in order:
-        vector = jacobian[:, column]
-        length = np.linalg.norm(vector)
-        for _ in range(2):  # twice is enough for Gram-Schmidt
-            vector = vector - basis @ (basis.T @ vector)
-        if length > 0 and np.linalg.norm(vector) > _DEPENDENT * length:
-            basis = np.column_stack([basis, vector / np.linalg.norm(vector)])
-            taken.append(column)
-    return taken
-
-
-def _gauge(
-    chain: Chain, rig: Rig, slots: tuple[Slot, ...], free: list[Parameter], options: ModelOptions
-) -> tuple[list[Parameter], dict[str, str]]:
-    """The free parameters that enter the state, and what carries the others; what is held at its value carries nothing.
-
-    Beams, later sessions, places and targets beside the module move no whole pose of the module, so they always enter.
-    """
-    automatic = options.error_model == "auto"
-    if not automatic and (chain.screen_joint is not None or not rig.lasers):
-        return free, {}
-    own = {f"{slot.label}.{name}" for slot in slots if _moves_module(rig, slot) for name in slot.names}
-    offered = [parameter for parameter in free if parameter.name in own]
-    errors = ErrorModel(chain, slots, tuple(offered))
-    spare = {f"{slot.label}.{name}" for slot in slots for name in slot.spare}
-    order = sorted(
-        range(len(offered)),
-        key=lambda column: (offered[column].name in spare, *_rank_order(chain, offered[column], screen_first=automatic)),
-    )
-    jacobian = full_pose_jacobian(chain, errors)
-    if automatic and _unplaced(rig, free):  # places that were found from nothing stand for the placement of everything, as a frame does
-        anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
-        offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
-        order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
-    taken = set(independent_columns(jacobian, order))
-    if not automatic:  # a model named explicitly keeps what is its own; only a screen asked for on top must add something
-        taken |= {column for column, parameter in enumerate(offered) if parameter.kind != "screen"}
-    left_out = [column for column, parameter in enumerate(offered) if column not in taken and parameter.name not in spare]
-    carried = _carriers(rig, offered, jacobian, sorted(taken), left_out) if automatic else {}
-    entered = {offered[column].name for column in taken} | ({parameter.name for parameter in free} - set(errors.names))
-    return [parameter for parameter in free if parameter.name in entered], carried
-
-
-def _unplaced(rig: Rig, free: Sequence[Parameter]) -> bool:
-    """Whether all that targets meet are places of which nothing is known, so that the robot may stand anywhere among them."""
-    numbers = sum(len(place.names) for place in rig.instruments.places)
-    return not rig.lasers and not rig.instruments.placed and 0 < numbers == sum(parameter.kind == "place" for parameter in free)
-
-
-def _moves_module(rig: Rig, slot: Slot) -> bool:
-    """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target."""
-    if slot.frame is None:
-        return slot.kind != "beam"
-    farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.tip), "")
-    return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)
-
-
-def _rank_order(chain: Chain, parameter: Parameter, screen_first: bool) -> tuple[int, int, int]:
-    """Screen, mount, then the joints from the tool to the base; within a joint theta, alpha, beta, a, d."""
-    label, name = parameter.name.rsplit(".", 1)
-    if parameter.kind != "joint":
-        group = {"screen": 0, "reference": 0, "mount": 1, "target": 1}[parameter.kind]
-        return group if group or screen_first else 3, 0, 0
-    place = [step.joint.name for step in chain.moving].index(label)
-    return 2, -place, _WITHIN_JOINT.index(name) if name in _WITHIN_JOINT else 0
-
-
-def _carriers(rig: Rig, offered: list[Parameter], jacobian: Matrix, taken: list[int], left_out: list[int]) -> dict[str, str]:
-    """What carries each parameter that was left out: the screen, the mount, or other joints.
-
-    A left-out column is a combination of those that were taken; the groups with a share in it are named.
-    """
-    if not left_out:
-        return {}
-    shares = np.linalg.lstsq(jacobian[:, taken], jacobian[:, left_out], rcond=None)[0]
-    carried = {}
-    for column, share in zip(left_out, shares.T, strict=True):
-        kinds = {offered[taken[index]].kind for index in np.flatnonzero(np.abs(share) > 1e-6)}
-        words = [_CARRIERS[kind] for kind in _CARRIERS if kind in kinds]
-        words += list(dict.fromkeys(place.words for place in rig.instruments.places)) if "place" in kinds else []
-        carried[offered[column].name] = " and ".join(words) or "other joints"
-    return carried
 
 
 def _later_sessions(slots: tuple[Slot, ...], sessions: Sequence[str], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:
@@ -281,13 +166,7 @@ def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> t
             f"the screen '{robot.rig.base}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
             "hang it on a fixed joint",
         )
-    missing = missing_screen_parameters(robot.chain, robot.rig, errors) if options.error_model == "auto" else ()
-    if not missing:
-        return ()
-    return (
-        f"the screen '{robot.rig.base}' has no fixed joint of its own, so its placement is not estimated; "
-        f"--estimate screen adds {', '.join(missing)}, which no other parameter can stand for",
-    )
+    return ()
 
 
 def _mount_warning(robot: Robot) -> tuple[str, ...]:

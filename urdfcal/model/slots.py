@@ -21,6 +21,7 @@ from urdfcal.robot.urdf_tree import UrdfJoint
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
 _COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
+_SLIDE = ("rot_1", "rot_2")
 BEAMS = ("rot_x", "rot_y")
 BEAMS4 = ("trans_x", "trans_y", "rot_x", "rot_y")
 
@@ -37,7 +38,8 @@ class Slot:
         joints: URDF joint next to it; of a module that has no fixed joint of its own, the first joint of every laser alike; none for an
             instrument's.
         before: Whether the slot stands before the joint's origin (in the parent link's axes) and not behind it.
-        spare: Those of the names that the gauge rule considers last, after everything else.
+        spare: Those of the names that the gauge rule considers after everything else.
+        last: The rest of a joint's six numbers, which it considers after those.
         frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
         also: Further frames that it ends the way to: all the corners of a board share one placement.
         found: Where the frame was found to stand before any fit, by session: the slot's own placement, ahead of its screws.
@@ -50,6 +52,7 @@ class Slot:
     joints: tuple[str, ...]
     before: bool = False
     spare: tuple[str, ...] = ()
+    last: tuple[str, ...] = ()
     frame: int | None = None
     also: tuple[int, ...] = ()
     found: Mapping[str, SE3] = field(default_factory=dict)
@@ -156,7 +159,9 @@ def _joint_slot(joint: UrdfJoint, model: str, rows: _AxisTables) -> Slot:
     if model not in MODELS:
         raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
     named = _offset(joint) if model == "offset" else _placement() if model == "placement" else _dh(joint, model, rows)
-    return Slot(joint.name, "joint", tuple(named), np.column_stack(list(named.values())), (joint.name,), spare=_spare(joint, model, rows))
+    screws = np.column_stack(list(named.values()))
+    spare, last = _spare(joint, model, rows), _last(joint, model, rows)
+    return Slot(joint.name, "joint", tuple(named), screws, (joint.name,), spare=spare, last=last)
 
 
 def _placement() -> dict[str, Vector]:
@@ -170,36 +175,44 @@ def _offset(joint: UrdfJoint) -> dict[str, Vector]:
 
 def _dh(joint: UrdfJoint, model: str, rows: _AxisTables) -> dict[str, Vector]:
     if joint.prismatic:
-        return _slide(joint)
+        return {name: screw for name, screw in _slide(joint).items() if name in _SLIDE or model == "auto"}
     row = (rows.dh if model == "dh" else rows.hayati)[joint.name]
-    regular = ("d_a", "d_alpha", "d_beta", "d_theta") if _tilts(row, model) else ("d_a", "d_d", "d_alpha", "d_theta")
-    return {name: screw for name, screw in row.screws.items() if name in regular or name in _spare_names(row, model)}
+    return {name: screw for name, screw in row.screws.items() if name in _regular(row, model) or model == "auto"}
 
 
-def _tilts(row: DhRow, model: str) -> bool:
-    """Whether a joint has Hayati's tilt in place of its offset d."""
-    return model != "dh" and row.parallel
+def _regular(row: DhRow, model: str) -> tuple[str, ...]:
+    """A turning joint's four: Hayati's have the tilt in place of the offset d where the axis is nearly parallel to the one before it."""
+    tilts = model != "dh" and row.parallel
+    return ("d_a", "d_d" if not tilts else "d_beta", "d_alpha", "d_theta")
 
 
-def _spare_names(row: DhRow, model: str) -> tuple[str, ...]:
-    """What the automatic model offers last: a slide has no angle about itself, and coincident axes no normal to turn."""
-    if model != "auto":
+def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
+    """What is missing behind a slide, which has no angle about itself, and on one line, which has no normal to turn."""
+    row = None if joint.prismatic or model != "auto" else rows.hayati[joint.name]
+    if row is None:
         return ()
     behind_slide = (("d_d",) if row.parallel else ("d_beta",)) if row.behind_slide else ()
     return behind_slide + (("d_b",) if row.parallel and abs(row.a) < _COINCIDENT else ())
 
 
-def _spare(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
-    return () if joint.prismatic else _spare_names(rows.hayati[joint.name], model)
+def _last(joint: UrdfJoint, model: str, rows: _AxisTables) -> tuple[str, ...]:
+    """What completes the six numbers of a joint, of which most are carried by its neighbours."""
+    if model != "auto":
+        return ()
+    regular = _SLIDE if joint.prismatic else (*_regular(rows.hayati[joint.name], model), *_spare(joint, model, rows))
+    return tuple(name for name in _dh(joint, model, rows) if name not in regular)
 
 
 def _slide(joint: UrdfJoint) -> dict[str, Vector]:
-    """The two rotations perpendicular to a slide, through its origin."""
+    """The six of a slide: turns about two axes across it and about itself through its origin, shifts across it, and its zero."""
     axis = np.array(joint.axis)
     least = np.eye(3)[int(np.argmin(np.abs(axis)))]
     across = least - axis * float(axis @ least)
     across /= np.linalg.norm(across)
-    return {"rot_1": rotation_screw(across, np.zeros(3)), "rot_2": rotation_screw(cross(axis, across), np.zeros(3))}
+    axes = (across, cross(axis, across), axis)
+    turns = {f"rot_{number}": rotation_screw(direction, np.zeros(3)) for number, direction in enumerate(axes, start=1)}
+    shifts = {f"trans_{number}": translation_screw(direction) for number, direction in enumerate(axes[:2], start=1)}
+    return turns | shifts | {"d_q": translation_screw(axis)}
 
 
 def require_screen_slot(chain: Chain, rig: Rig) -> None:

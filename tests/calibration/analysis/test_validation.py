@@ -135,7 +135,7 @@ def test_rejected_folds_are_told(robots: dict[str, Robot], rng: np.random.Genera
 def test_the_papers_case_1_is_warned_of_and_its_others_are_not(robots: dict[str, Robot], rng: np.random.Generator, stated: bool) -> None:
     """Calibrated near home and tested all over, joints are named; with half of either, or a random third, nothing is said."""
     robot, joint_noise = robots["arm7"], np.radians(0.06)
-    known = {"spot_sigma": 1e-3, "joint_sigma": joint_noise} if stated else {}
+    known = {"error_model": "dh"} | ({"spot_sigma": 1e-3, "joint_sigma": joint_noise} if stated else {})
     sets = {(case, name): rows for case, name, rows in cases()}
     for _ in range(3):
         data = papers_data(robot, rng, SimulatedNoise(1e-3, joint_noise))

@@ -25,9 +25,9 @@ from urdfcal.simulation.readings import SimulatedNoise, simulate
 CASES = [("panda", ()), ("ur5", ()), ("arm7", ("screen",)), ("arm7", ())]
 
 
-def model_of(robot: Robot, *estimate: str) -> ErrorModel:
-    """The default error model, with additions."""
-    return build_error_model(robot.chain, robot.rig, ModelOptions(estimate=estimate))
+def model_of(robot: Robot, *estimate: str, model: str = "auto") -> ErrorModel:
+    """An error model, with additions."""
+    return build_error_model(robot.chain, robot.rig, ModelOptions(error_model=model, estimate=estimate))
 
 
 def far_truth(errors: ErrorModel, rng: np.random.Generator, mm: float = 300, deg: float = 20) -> Vector:
@@ -129,10 +129,12 @@ def test_only_the_far_prior_is_widened(robots: dict[str, Robot], rng: np.random.
 
 
 def test_joints_stand_for_a_screen_without_placement(robots: dict[str, Robot]) -> None:
-    """On the paper's arm all of the screen but its yaw is carried by the first joint and one length of the second."""
-    errors = model_of(robots["arm7"])
+    """On the paper's arm all of the screen but its yaw is carried by the first joint and one length of the second; auto has the yaw, too."""
+    errors = model_of(robots["arm7"], model="hayati")
     stand_ins = [errors.names[column] for column in rig_columns(errors)[0]]
     assert stand_ins == ["joint1.d_a", "joint1.d_d", "joint1.d_alpha", "joint1.d_theta", "joint2.d_d"]
+    complete = model_of(robots["arm7"])
+    assert {complete.names[column] for column in rig_columns(complete)[0]} == {*stand_ins, "joint1.d_beta"}
     assert len(rig_columns(model_of(robots["arm7"], "screen"))) == 2
 
 
@@ -148,12 +150,12 @@ def test_what_is_held_stays(robots: dict[str, Robot], rng: np.random.Generator, 
 
 
 def test_a_screen_that_joints_cannot_follow_is_followed_in_part(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """The paper's arm has no parameter for a yaw of its screen: that is left over, the rest is found, and the start is not called good."""
+    """The paper's arm has under hayati no parameter for a yaw of its screen: that is left over, the rest is found, and the start is not called good."""
     robot = robots["arm7"]
     whole = model_of(robot, "screen")
     x = np.zeros(len(whole.names))
     x[[whole.names.index("screen.trans_x"), whole.names.index("screen.rot_z")]] = 300 * MM, 10 * DEG
-    begun = find_start(Problem(model_of(robot), measured(robot, whole, x, rng)), noise_of(robot))
+    begun = find_start(Problem(model_of(robot, model="hayati"), measured(robot, whole, x, rng)), noise_of(robot))
     assert not begun.plausible
     assert begun.message.startswith("'screen' was found")
     assert "as far as joint1.d_a, joint1.d_d, joint1.d_alpha, joint1.d_theta, joint2.d_d can stand for its placement" in begun.message

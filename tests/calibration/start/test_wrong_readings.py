@@ -53,7 +53,7 @@ def test_a_pose_with_a_wrong_reading_is_left_out(robots: dict[str, Robot], rng: 
         assert {(f"pose {POSE + 1}", laser) for laser in data.lasers} <= named
         assert len(named) <= 3
         assert found.estimate.converged
-        assert np.abs((found.estimate.belief.x - expected.estimate.belief.x) / sigma).max() < 0.5
+        assert np.abs((found.estimate.belief.x - expected.estimate.belief.x) / sigma).max() < 0.7
         turned_away += any(outlier.distance_mm is None and "does not meet the screen" in outlier.reason for outlier in found.outliers)
     assert turned_away
 

@@ -19,8 +19,8 @@ from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_fit
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel, parameters_of
-from urdfcal.model.gauge import full_pose_jacobian, independent_columns
 from urdfcal.model.parameters import DEFAULT_PRIORS, PriorScale
+from urdfcal.model.structure import full_pose_jacobian, independent_columns
 
 Columns = npt.NDArray[np.intp]
 
