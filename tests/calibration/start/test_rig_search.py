@@ -129,7 +129,7 @@ def test_only_the_far_prior_is_widened(robots: dict[str, Robot], rng: np.random.
 
 
 def test_joints_stand_for_a_screen_without_placement(robots: dict[str, Robot]) -> None:
-    """On the paper's arm all of the screen but its yaw is carried by the first joint and one length of the second; auto has the yaw, too."""
+    """On the paper's arm the first joint and one length of the second carry all of the screen but its yaw; auto has that, too."""
     errors = model_of(robots["arm7"], model="hayati")
     stand_ins = [errors.names[column] for column in rig_columns(errors)[0]]
     assert stand_ins == ["joint1.d_a", "joint1.d_d", "joint1.d_alpha", "joint1.d_theta", "joint2.d_d"]
@@ -150,7 +150,7 @@ def test_what_is_held_stays(robots: dict[str, Robot], rng: np.random.Generator, 
 
 
 def test_a_screen_that_joints_cannot_follow_is_followed_in_part(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """The paper's arm has under hayati no parameter for a yaw of its screen: that is left over, the rest is found, and the start is not called good."""
+    """Under hayati the paper's arm has no yaw of its screen: that is left over, the rest is found, and the start is not called good."""
     robot = robots["arm7"]
     whole = model_of(robot, "screen")
     x = np.zeros(len(whole.names))
