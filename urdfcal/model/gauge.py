@@ -165,8 +165,21 @@ def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> t
         return (
             f"the screen '{robot.rig.base}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
             "hang it on a fixed joint",
+            *_parting_warning(robot),
         )
-    return ()
+    return _parting_warning(robot)
+
+
+def _parting_warning(robot: Robot) -> tuple[str, ...]:
+    """What lies between two branches is seen from neither end."""
+    branches = robot.chain.branches()
+    if len(branches) < 2:
+        return ()
+    parting, (back, forth) = branches[0][0].parent, (branch[0].name for branch in branches)
+    return (
+        f"'{parting}', from which both branches leave, is seen from neither end: of '{back}' and '{forth}' the measurements tell the sum "
+        f"alone, and their priors share it out; measure one end against '{parting}', too, where it matters how each stands on it",
+    )
 
 
 def _mount_warning(robot: Robot) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from urdfcal.robot.rig import SIX, Rig
 CONFIGURATIONS = 50
 _DEPENDENT = 1e-7  # share of a column that must lie outside the span of those before it, to raise the rank
 _COSTLY = 5.0  # standard deviations of others that one of a parameter's may cost them, before it enters the state beside them
+_MEETING = 2  # joints of each branch next to the link where they part that keep all six numbers
 _CARRIERS: dict[Kind, str] = {
     "screen": "the screen",
     "reference": "the measuring frame",
@@ -103,11 +104,11 @@ def enter(
 def _shared_out(chain: Chain, offered: Sequence[Parameter], jacobian: Matrix, taken: list[int]) -> set[int]:
     """Parameters that enter beside those that could carry them, since the correction would move links that nothing is wrong with.
 
-    A link from which two branches leave is where neither end sees it: both its joints keep all six numbers, and their priors share
+    A link from which two branches leave is seen from neither end: the joints beside it keep all six numbers, and their priors share
     out what is seen of them together. Anywhere else a parameter enters whose error of one standard deviation costs those that carry
     it many: an axis that is shifted by 3 mm beside a parallel one 40 mm off would otherwise be two zeros, 4 degrees each.
     """
-    meeting = {branch[0].name for branch in chain.branches()} if len(chain.branches()) == 2 else set()
+    meeting = {joint.name for branch in chain.branches() for joint in branch[:_MEETING]} if len(chain.branches()) == 2 else set()
     rest = [column for column in range(len(offered)) if column not in taken]
     met = {column for column in rest if offered[column].kind == "joint" and offered[column].name.rpartition(".")[0] in meeting}
     sigma = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in offered])
