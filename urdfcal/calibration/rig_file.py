@@ -10,7 +10,8 @@ Every entry may be missing:
     noise: {spot_mm: 1.0, joint_deg: 0.05, point_mm: 0.1}  # also orientation_deg, distance_mm, inclination_deg ...
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
     reference: tracker                 # link that points and orientations are measured from
-    reference_known: false
+    reference_known: false             # whether they are measured in that link's own frame
+    target_known: false                # whether what is measured is the targets' links themselves
     target: tool0                      # link of figaroh's columns x1, y1 ...
     sockets: {distances_mm: {'*/0 - */1': 50}}
     boards: {board: '9x6:25mm'}        # links that are chessboards: inner corners and the side of a square
@@ -122,6 +123,7 @@ class RigFile(_Strict):
     parameters: dict[str, ParameterEntry] = {}
     reference: str | None = None
     reference_known: bool = False
+    target_known: bool = False
     target: str | None = None
     sockets: SocketsEntry = SocketsEntry()
     boards: dict[str, str] = {}
@@ -168,6 +170,7 @@ class RigFile(_Strict):
             priors=self.prior_scales(),
             single={pattern: entry.prior() for pattern, entry in self.parameters.items()},
             reference_known=self.reference_known,
+            target_known=self.target_known,
         )
 
     def require_beams(self, robot: Robot, path: str | Path) -> None:

@@ -20,6 +20,7 @@ from urdfcal.cli.inputs import (
     measured,
     positive,
     priors_of,
+    require_ends_for,
     require_lasers_for,
     require_places,
     require_priors_used,
@@ -46,11 +47,13 @@ from urdfcal.cli.options import (
     PriorScreen,
     Quiet,
     Reference,
+    ReferenceKnown,
     RigOption,
     RobotFile,
     Screen,
     Seed,
     Target,
+    TargetKnown,
     UrHash,
     Verbose,
     XacroArgs,
@@ -141,9 +144,8 @@ def fit(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
     reference: Reference = None,
-    reference_known: Annotated[
-        bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
-    ] = False,
+    reference_known: ReferenceKnown = False,
+    target_known: TargetKnown = False,
     target: Target = None,
     camera: CameraOption = None,
     screen: Screen = None,
@@ -175,7 +177,7 @@ def fit(
     def rng() -> np.random.Generator:
         return np.random.default_rng(seed)
 
-    rig_file = rig_file_of(rig)
+    rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     inputs = (robot, measurements, rig, test, ur_hash_from, camera)
@@ -191,14 +193,13 @@ def fit(
     if holdout is not None:
         data = hold_out(data, holdout, rng())
     require_lasers_for(data, estimate, screen=screen, laser=laser)
-    if reference_known and data.only_spots:
-        raise UsageError("--reference-known is about a measuring frame, and these measurements are laser spots alone")
+    require_ends_for(data, reference_known=reference_known, target_known=target_known)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
     options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator,
         "schedule": schedule,
-        "options": replace(options, reference_known=options.reference_known or reference_known),
+        "options": options,
         "sigmas": sensor_noise(data, rig_file, spot_sigma_mm),
         "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
         "tolerance": positive("--tolerance", tolerance),

@@ -103,11 +103,24 @@ def _camera(path: Path | None) -> Any:
     return read_camera(path)
 
 
-def rig_file_of(path: Path | None) -> RigFile:
-    """The rig.yaml that was given, or an empty one."""
+def rig_file_of(path: Path | None, reference_known: bool = False, target_known: bool = False) -> RigFile:
+    """The rig.yaml that was given, or an empty one, with what the command line says of both ends."""
     from urdfcal.calibration.rig_file import RigFile, read_rig_file
 
-    return RigFile() if path is None else read_rig_file(path)
+    rig = RigFile() if path is None else read_rig_file(path)
+    ends = {"reference_known": rig.reference_known or reference_known, "target_known": rig.target_known or target_known}
+    return rig.model_copy(update=ends)
+
+
+def require_ends_for(data: Measurements, **ends: bool) -> None:
+    """Refuse options about measuring frames and targets where none is.
+
+    Raises:
+        UsageError: naming the option.
+    """
+    for name, known in ends.items():
+        if known and data.only_spots:
+            raise UsageError(f"--{name.replace('_', '-')} is about frames and targets, and these measurements are laser spots alone")
 
 
 def rig_options(rig: RigFile, path: Path | None, robot: Robot) -> ModelOptions:

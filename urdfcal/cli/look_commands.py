@@ -15,6 +15,7 @@ from urdfcal.cli.inputs import (
     load,
     measured,
     priors_of,
+    require_ends_for,
     require_lasers_for,
     require_priors_used,
     rig_file_of,
@@ -38,11 +39,13 @@ from urdfcal.cli.options import (
     PriorScreen,
     Quiet,
     Reference,
+    ReferenceKnown,
     RigOption,
     RobotFile,
     Screen,
     Seed,
     Target,
+    TargetKnown,
     Verbose,
     XacroArgs,
 )
@@ -56,7 +59,9 @@ def evaluate(
     measurements: DataFile,
     rig: RigOption = None,
     reference: Reference = None,
+    reference_known: ReferenceKnown = False,
     target: Target = None,
+    target_known: TargetKnown = False,
     camera: CameraOption = None,
     screen: Screen = None,
     laser: Lasers = None,
@@ -71,8 +76,9 @@ def evaluate(
     from urdfcal.calibration.start.nominal import evaluate as run_evaluate
     from urdfcal.output.text.result import spot_table_block, table_json
 
-    rig_file = rig_file_of(rig)
+    rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    require_ends_for(data, reference_known=reference_known, target_known=target_known)
     say(verbose, about(arm))
     warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
     fit_set, test_set = data.split()
@@ -103,7 +109,9 @@ def check(
     prior_screen: PriorScreen = None,
     prior_beams: PriorBeams = None,
     reference: Reference = None,
+    reference_known: ReferenceKnown = False,
     target: Target = None,
+    target_known: TargetKnown = False,
     camera: CameraOption = None,
     screen: Screen = None,
     laser: Lasers = None,
@@ -121,8 +129,9 @@ def check(
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.check import check_blocks, check_json
 
-    rig_file = rig_file_of(rig)
+    rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    require_ends_for(data, reference_known=reference_known, target_known=target_known)
     say(verbose, about(arm))
     require_lasers_for(data, estimate, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)

@@ -91,6 +91,15 @@ Reference = Annotated[
         show_default=False,
     ),
 ]
+ReferenceKnown = Annotated[
+    bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
+]
+TargetKnown = Annotated[
+    bool,
+    typer.Option(
+        "--target-known", help="What is measured is each target's link itself, as a controller states it: no offset is estimated."
+    ),
+]
 Target = Annotated[
     str | None,
     typer.Option(metavar="LINK", help="Link that columns named x1, y1, z1, phix1 ... (figaroh's) are measured on.", show_default=False),

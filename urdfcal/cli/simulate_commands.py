@@ -71,6 +71,9 @@ def simulate(
     reference_known: Annotated[
         bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
     ] = False,
+    target_known: Annotated[
+        bool, typer.Option("--target-known", help="Measure the targets' links themselves, not something that sits anywhere on them.")
+    ] = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -110,7 +113,7 @@ def simulate(
     if soft:
         model, x = soft_truth(arm, model, x, soft, rng)
     if sensors:
-        setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, area=area)
+        setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, target_known=target_known, area=area)
         model, x = setup.errors, setup.x
         data = simulate_readings(setup, poses + test_poses, rng, simulated)
     else:
@@ -129,7 +132,7 @@ def simulate(
         f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
         + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
-        *(_advice(setup, reference_known) if setup else ()),
+        *(_advice(setup, reference_known, target_known) if setup else ()),
     ]
     values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
     truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
@@ -150,7 +153,7 @@ def _in_words(sizes: dict[str, float]) -> str:
     return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
 
 
-def _advice(setup: SimulatedSetup, reference_known: bool) -> list[str]:
+def _advice(setup: SimulatedSetup, reference_known: bool, target_known: bool) -> list[str]:
     """What a fit has to be told beyond the file: the reference link, and a length where only touches were made."""
     from itertools import pairwise
 
@@ -158,7 +161,7 @@ def _advice(setup: SimulatedSetup, reference_known: bool) -> list[str]:
 
     instruments, lines = setup.robot.rig.instruments, []
     if instruments.placed:
-        known = " --reference-known" if reference_known else ""
+        known = (" --reference-known" if reference_known else "") + (" --target-known" if target_known else "")
         lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}")
     sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
     apart = {

@@ -19,10 +19,12 @@ from urdfcal.cli.options import (
     PackageDirs,
     Quiet,
     Reference,
+    ReferenceKnown,
     RigOption,
     RobotFile,
     Screen,
     Target,
+    TargetKnown,
     Verbose,
     XacroArgs,
 )
@@ -81,7 +83,9 @@ def view(
     screen: Screen = None,
     laser: Lasers = None,
     reference: Reference = None,
+    reference_known: ReferenceKnown = False,
     target: Target = None,
+    target_known: TargetKnown = False,
     camera: CameraOption = None,
     rig: RigOption = None,
     xacro_arg: XacroArgs = None,
@@ -95,7 +99,7 @@ def view(
 
     if html is not None and (port is not None or host is not None):
         raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
-    rig_file = rig_file_of(rig)
+    rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))

@@ -41,8 +41,8 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     _check_joints(chain, options.per_joint)
     priors = DEFAULT_PRIORS | dict(options.priors)
     slots = slots_of(chain, rig, options.error_model, options.per_joint)
-    if options.reference_known:
-        slots = tuple(slot for slot in slots if slot.kind != "reference")
+    known = {"reference": options.reference_known, "target": options.target_known}
+    slots = tuple(slot for slot in slots if not known.get(slot.kind, False))
     if "screen" in options.estimate or (len(sessions) > 1 and rig.lasers):
         require_screen_slot(chain, rig)
     if "beams" in options.estimate or "beams4" in options.estimate:

@@ -36,6 +36,7 @@ class ModelOptions:
         priors: Standard deviations by group.
         single: What is said of single parameters, by pattern.
         reference_known: Whether targets are measured in the very frame of the reference link, so that no placement is estimated.
+        target_known: Whether what is measured is the very frame of each target's link, so that no offset is estimated.
     """
 
     error_model: str = "auto"
@@ -46,6 +47,7 @@ class ModelOptions:
     priors: Mapping[Kind, PriorScale] = field(default_factory=dict)
     single: Mapping[str, ParameterPrior] = field(default_factory=dict)
     reference_known: bool = False
+    target_known: bool = False
 
     def __post_init__(self) -> None:
         for model in (self.error_model, *self.per_joint.values()):

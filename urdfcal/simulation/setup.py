@@ -152,6 +152,7 @@ def simulated_setup(
     *,
     sessions: Sequence[str] = ("",),
     reference_known: bool = False,
+    target_known: bool = False,
     area: ScreenArea | None = None,
 ) -> SimulatedSetup:
     """Put measuring frames, targets and places somewhere; what the truth said of them is left out.
@@ -164,13 +165,14 @@ def simulated_setup(
         rng: Source of randomness.
         sessions: Each has a measuring frame of its own.
         reference_known: The measuring frame is the reference link's own.
+        target_known: What is measured is the targets' links themselves.
         area: The screen.
     """
     slots = []
     for slot in errors.slots:
         if slot.kind == "reference" and not reference_known:
             slot = replace(slot, found={session: _somewhere(rng, _FRAME_FAR) for session in sessions})
-        elif slot.kind == "target":
+        elif slot.kind == "target" and not target_known:
             placement = _somewhere(rng, _TARGET_FAR, turned=SIX[3] in slot.names)
             slot = replace(slot, found=dict.fromkeys(sessions, placement))
         slots.append(slot)

@@ -89,10 +89,7 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
         UsageError: a plane was touched less than three times, or no socket twice.
     """
     free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
-    known = _Known({}, {})
-    for slot in errors.slots:
-        if slot.kind == "target" and slot.label not in free:
-            known.offsets[slot.label] = pin.SE3.Identity()
+    known = _Known({}, {target.placed_by: pin.SE3.Identity() for target in data.instruments.targets if target.placed_by not in free})
     reference = next((slot for slot in errors.slots if slot.kind == "reference"), None)
     for session in errors.sessions:
         if reference is None or reference.label not in free:

@@ -138,4 +138,5 @@ def held_instruments(errors: ErrorModel, places: Sequence[Place]) -> ModelOption
     names += [f"{place.name}.{name}" for place in places for name in place.names]
     held = [name for name in names if name not in errors.names and name not in errors.carried]
     single = {name: ParameterPrior(errors.held.get(name), fixed=True) for name in held}
-    return ModelOptions(single=single, reference_known=not any(slot.kind == "reference" for slot in slots))
+    kinds = {slot.kind for slot in slots}
+    return ModelOptions(single=single, reference_known="reference" not in kinds, target_known="target" not in kinds)
