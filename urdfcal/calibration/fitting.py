@@ -12,6 +12,7 @@ from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.error_table import error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
+from urdfcal.calibration.known_joints import joints_of, require_written
 from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
@@ -32,6 +33,7 @@ from urdfcal.estimation.identifiability import Identifiability, identify, with_s
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.estimation.robust import degrees, kind_scales, mahalanobis_squared, robust_scale
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions, laid_over
@@ -66,6 +68,7 @@ def fit(
     gated: bool = True,
     evidence: bool = True,
     sane: bool = True,
+    after: EarlierJoints | FitResult | None = None,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
 ) -> FitResult:
@@ -96,6 +99,8 @@ def fit(
         evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence, where the joints' priors are not
             stated and there are at least 20 poses (not for `robust` and the `paper` schedule).
         sane: Refuse measurements that a common mistake explains far better (swapped lasers, degrees as radians, a sign flipped ...).
+        after: An earlier calibration, that of another branch, whose URDF the robot is; what it decided is the prior of joints that both
+            have, and the joints that it alone has follow what is learned of those.
         rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
 
@@ -110,6 +115,10 @@ def fit(
     _require_same_robot(robot, data)
     require_screen_of_camera(data)
     options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
+    if after is not None:
+        earlier = joints_of(after) if isinstance(after, FitResult) else after
+        require_written(earlier, robot, "the earlier calibration")
+        options = replace(options, earlier=earlier)
     fit_set, test_set = fit_and_test(data, test)
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))

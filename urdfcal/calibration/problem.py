@@ -30,6 +30,7 @@ from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
+_SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
 
 
@@ -300,6 +301,7 @@ def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Seque
     Each stands in the first number of its row.
     """
     known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
+    known += [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
     if not known:
         return linearisation
     rows, m, p = len(known), linearisation.residual.shape[1], len(x)
@@ -308,6 +310,7 @@ def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Seque
         residual[row, 0], jacobian[row, 0], sigma[row, 0] = left, gradient, deviation
     return replace(
         linearisation,
+        known=rows,
         residual=np.vstack([linearisation.residual, residual]),
         jacobian=np.concatenate([linearisation.jacobian, jacobian]),
         joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),

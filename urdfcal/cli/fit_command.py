@@ -13,7 +13,9 @@ from urdfcal.cli.console import say, show, warn
 from urdfcal.cli.inputs import (
     about,
     by_the_data,
+    earlier_joints,
     expanded_note,
+    forgotten_branch,
     joint_noise,
     listed,
     load,
@@ -29,6 +31,7 @@ from urdfcal.cli.inputs import (
     sensor_noise,
 )
 from urdfcal.cli.options import (
+    After,
     CameraOption,
     DataFile,
     Estimate,
@@ -146,6 +149,7 @@ def fit(
     reference: Reference = None,
     reference_known: ReferenceKnown = False,
     target_known: TargetKnown = False,
+    after: After = None,
     target: Target = None,
     camera: CameraOption = None,
     screen: Screen = None,
@@ -180,7 +184,7 @@ def fit(
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
-    inputs = (robot, measurements, rig, test, ur_hash_from, camera)
+    inputs = (robot, measurements, rig, test, ur_hash_from, camera, after)
     require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
@@ -209,6 +213,7 @@ def fit(
         "gated": gate,
         "evidence": by_the_data(prior),
         "sane": sanity,
+        "after": earlier_joints(after, unmeasured),
     }
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
@@ -217,6 +222,7 @@ def fit(
     require_priors_used(priors, calibration.errors)
     warned = (
         *calibration.warnings,
+        *(forgotten_branch(robot, arm) if after is None else ()),
         *wish.cautions(calibration),
         *(further.warnings if further else ()),
         *coverage_warnings(arm, calibration),

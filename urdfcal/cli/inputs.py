@@ -11,6 +11,7 @@ from urdfcal.base.errors import UsageError
 
 if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile
+    from urdfcal.model.earlier import EarlierJoints
     from urdfcal.model.error_model import ErrorModel
     from urdfcal.model.options import ModelOptions
     from urdfcal.model.parameters import Kind, PriorScale
@@ -110,6 +111,47 @@ def rig_file_of(path: Path | None, reference_known: bool = False, target_known: 
     rig = RigFile() if path is None else read_rig_file(path)
     ends = {"reference_known": rig.reference_known or reference_known, "target_known": rig.target_known or target_known}
     return rig.model_copy(update=ends)
+
+
+def earlier_joints(path: Path | None, robot: Robot) -> EarlierJoints | None:
+    """What an earlier calibration decided of the joints, whose URDF the robot is.
+
+    Raises:
+        CalibrationFileError: the file is no calibration, or does not say.
+        RobotError: the robot is not the one that it wrote.
+    """
+    if path is None:
+        return None
+    from urdfcal.calibration.known_joints import require_written
+    from urdfcal.output.stored import read_calibration
+
+    earlier = read_calibration(path).joints
+    require_written(earlier, robot, str(path))
+    return earlier
+
+
+def forgotten_branch(path: Path, robot: Robot) -> tuple[str, ...]:
+    """A warning where the calibration beside a URDF decided joints of this way and of another branch, which a fit would spoil."""
+    from urdfcal.base.errors import CalibrationFileError, RobotError
+    from urdfcal.calibration.known_joints import require_written
+    from urdfcal.output.stored import read_calibration
+
+    beside = path.with_name(f"{path.stem}_calibration.yaml")
+    if not beside.is_file():
+        return ()
+    try:
+        earlier = read_calibration(beside).joints
+        require_written(earlier, robot, str(beside))
+    except (CalibrationFileError, RobotError):  # of another robot, or of another time: this one owes it nothing
+        return ()
+    on_way = {step.joint.name for step in robot.chain.moving}
+    shared, others = (list(dict.fromkeys(joint for joint in earlier.joints if (joint in on_way) == on)) for on in (True, False))
+    if not shared or not others:
+        return ()
+    return (
+        f"{path} was written with {beside}, which calibrated {', '.join(shared)} together with {', '.join(others)}: "
+        f"what changes there now makes those worse; --after {beside} keeps what it decided",
+    )
 
 
 def require_ends_for(data: Measurements, **ends: bool) -> None:

@@ -100,6 +100,14 @@ TargetKnown = Annotated[
         "--target-known", help="What is measured is each target's link itself, as a controller states it: no offset is estimated."
     ),
 ]
+After = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="YAML",
+        help="Calibration of another branch, whose URDF ROBOT is: what it decided is the prior of the joints that both have.",
+        show_default=False,
+    ),
+]
 Target = Annotated[
     str | None,
     typer.Option(metavar="LINK", help="Link that columns named x1, y1, z1, phix1 ... (figaroh's) are measured on.", show_default=False),

@@ -164,8 +164,9 @@ def misfits(linearisation: Linearisation, noise: Noise, P: Matrix) -> tuple[Misf
     Returns:
         Of a kind of which any state their own noise, that of those alone.
     """
-    weights, stating = noise.weights(linearisation), linearisation.measured & ~linearisation.unstated
-    own = np.where((linearisation.of_kinds(stating) > 0)[linearisation.kinds], stating, linearisation.measured)
+    weights, read = noise.weights(linearisation), linearisation.read
+    stating = read & ~linearisation.unstated
+    own = np.where((linearisation.of_kinds(stating) > 0)[linearisation.kinds], stating, read)
     squares = np.where(own, (weights.residual(linearisation) ** 2).reshape(own.shape), 0.0)
     free = np.where(own, 1 - linearisation.leverages(weights.jacobian(linearisation), P), 0.0)
     return tuple(

@@ -45,6 +45,7 @@ class Linearisation:
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
         blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
         lost: Which observations were made and are out of the sensor's reach in the model, (n, blocks); none if it is None.
+        known: How many rows at the end are no readings, but what is known beforehand.
     """
 
     residual: Matrix
@@ -54,6 +55,7 @@ class Linearisation:
     stated_sigma: Matrix
     blocks: tuple[Block, ...] = ()
     lost: Mask | None = None
+    known: int = 0
 
     @cached_property
     def trouble(self) -> str:
@@ -111,6 +113,12 @@ class Linearisation:
             P: Covariance of the parameters, (p, p).
         """
         return np.asarray(np.einsum("ij,ij->i", H @ P, H).reshape(self.residual.shape))
+
+    @property
+    def read(self) -> Any:
+        """Which numbers were read, (n, m): not known beforehand."""
+        rows = np.arange(len(self.residual)) < len(self.residual) - self.known
+        return self.measured & rows[:, None]
 
     @property
     def unstated(self) -> Any:

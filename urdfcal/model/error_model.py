@@ -17,6 +17,7 @@ import pinocchio as pin
 from urdfcal.base.errors import ShapeMismatch
 from urdfcal.base.geometry import SE3, Matrix, Vector, exponentials, product
 from urdfcal.estimation.prior import Prior
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.gravity import WeighedRobot
 from urdfcal.model.parameters import SESSION_KINDS, Kind, Parameter, PriorScale
 from urdfcal.model.slots import Slot
@@ -60,6 +61,7 @@ class ErrorModel:
         sessions: Session labels; the first one's screen is the URDF's.
         planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
         soft: How joints give way with the pose, if they do: the parameters of kind `soft`.
+        earlier: What an earlier calibration decided of some of the joints, and of others that follow them.
         held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
     """
 
@@ -72,6 +74,7 @@ class ErrorModel:
     planes: Mapping[str, Matrix] = field(default_factory=dict)
     held_sum: Mapping[str, float] = field(default_factory=dict)
     soft: Softness | None = None
+    earlier: EarlierJoints | None = None
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -95,6 +98,7 @@ class ErrorModel:
 
     def prior(self, keep: Collection[str] = ()) -> Prior:
         """What is known before the data; parameters to keep are in no group whose scale the data may choose."""
+        keep = {*keep, *(self.earlier.names if self.earlier is not None else ())}
         groups = tuple("" if parameter.name in keep else parameter.scale_group for parameter in self.parameters)
         return Prior(self.names, self.mean, self.sigma, groups)
 
@@ -230,7 +234,24 @@ class ErrorModel:
             for joint in (joint for joint in slot.joints if joint in touched):
                 origin = origins.get(joint, joints[joint].origin)
                 origins[joint] = delta * origin if slot.before else origin * delta
-        return origins
+        return origins | self._following(x)
+
+    def _following(self, x: Vector) -> dict[str, SE3]:
+        """Origins of the joints that are not on the way, as far as an earlier calibration has them follow those that are."""
+        if self.earlier is None:
+            return {}
+        twists = self.earlier.followers(self.joint_names, self.names)
+        return {joint: self.earlier.origins[joint] * pin.exp6(pin.Motion(twist @ x)) for joint, twist in twists.items()}
+
+    @cached_property
+    def joint_names(self) -> tuple[str, ...]:
+        """The moving joints on the way."""
+        return tuple(step.joint.name for step in self.chain.moving)
+
+    @cached_property
+    def known_rows(self) -> Matrix:
+        """What is known of x beyond the priors, as whitened rows, (rows, p)."""
+        return self.earlier.rows(self.joint_names, self.names) if self.earlier is not None else np.empty((0, len(self.names)))
 
     def _has_estimated(self, slot: Slot) -> bool:
         wanted = {f"{slot.label}.{name}" for name in slot.names}

@@ -11,6 +11,7 @@ import numpy as np
 from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.geometry import MM, cross
 from urdfcal.model.dh import dh_table
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.error_model import ErrorModel, parameters_of
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import DEFAULT_PRIORS, SESSION_KINDS, Kind, Parameter, PriorScale, matching
@@ -42,7 +43,7 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     priors = DEFAULT_PRIORS | dict(options.priors)
     slots = slots_of(chain, rig, options.error_model, options.per_joint)
     known = {"reference": options.reference_known, "target": options.target_known}
-    slots = tuple(slot for slot in slots if not known.get(slot.kind, False))
+    slots = tuple(_as_known(slot, options.earlier) for slot in slots if not known.get(slot.kind, False))
     if "screen" in options.estimate or (len(sessions) > 1 and rig.lasers):
         require_screen_slot(chain, rig)
     if "beams" in options.estimate or "beams4" in options.estimate:
@@ -50,13 +51,16 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     _require_own_names(slots)
     screen_wanted = chain.screen_joint is not None or "screen" in options.estimate
     offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
+    if options.earlier is not None:
+        offered = [_with_sigma(parameter, options.earlier) for parameter in offered]
     stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors), *_camera(rig)], options)
     free = [parameter for parameter in stated if parameter.name not in fixed]
     if not free:
         raise UsageError("nothing is left to estimate: every parameter is fixed")
-    chosen, carried = enter(chain, rig, slots, free, options.error_model == "auto")
+    decided = {parameter.name for parameter in free} & set(options.earlier.names if options.earlier is not None else ())
+    chosen, carried = enter(chain, rig, slots, free, decided, options.error_model == "auto")
     held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
-    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions))
+    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions), earlier=options.earlier)
 
 
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
@@ -135,6 +139,16 @@ def _require_own_names(slots: Sequence[Slot]) -> None:
             raise RigError(
                 f"'{slot.label}' is the name of a {other.kind} and of a {slot.kind}, whose parameters could not be told apart; {way_out}"
             )
+
+
+def _as_known(slot: Slot, earlier: EarlierJoints | None) -> Slot:
+    """The slot of a joint that an earlier calibration decided, in its parameters; any other as it is."""
+    own = earlier.of(slot.label) if earlier is not None and slot.kind == "joint" else {}
+    return replace(slot, names=tuple(own), screws=np.column_stack(list(own.values())), spare=(), last=()) if own else slot
+
+
+def _with_sigma(parameter: Parameter, earlier: EarlierJoints) -> Parameter:
+    return replace(parameter, sigma=earlier.sigma_of(parameter.name)) if parameter.name in earlier.names else parameter
 
 
 def _check_joints(chain: Chain, per_joint: Mapping[str, str]) -> None:

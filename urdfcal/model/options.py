@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from urdfcal.base.errors import UsageError
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
 from urdfcal.model.slots import MODELS
 
@@ -37,6 +38,7 @@ class ModelOptions:
         single: What is said of single parameters, by pattern.
         reference_known: Whether targets are measured in the very frame of the reference link, so that no placement is estimated.
         target_known: Whether what is measured is the very frame of each target's link, so that no offset is estimated.
+        earlier: What an earlier calibration decided of the joints; the robot is the one that it wrote.
     """
 
     error_model: str = "auto"
@@ -48,6 +50,7 @@ class ModelOptions:
     single: Mapping[str, ParameterPrior] = field(default_factory=dict)
     reference_known: bool = False
     target_known: bool = False
+    earlier: EarlierJoints | None = None
 
     def __post_init__(self) -> None:
         for model in (self.error_model, *self.per_joint.values()):

@@ -7,7 +7,7 @@ correction out among both, and nobody carries what would turn a shift of millime
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
 
 
 def enter(
-    chain: Chain, rig: Rig, slots: tuple[Slot, ...], free: list[Parameter], automatic: bool
+    chain: Chain, rig: Rig, slots: tuple[Slot, ...], free: list[Parameter], decided: Collection[str], automatic: bool
 ) -> tuple[list[Parameter], dict[str, str]]:
     """The free parameters that enter the state, and what carries the others; what is held at its value carries nothing.
 
@@ -72,12 +72,13 @@ def enter(
         rig: What lies at its ends.
         slots: Everything that may be wrong.
         free: The parameters that are not held.
+        decided: Names of those that an earlier calibration decided: they are in the state, and carry nothing either.
         automatic: Whether the gauge rule decides; a model named explicitly keeps its own, and only a screen on top must add something.
     """
     if not automatic and (chain.screen_joint is not None or not rig.lasers):
         return free, {}
     own = {f"{slot.label}.{name}" for slot in slots if _moves_module(rig, slot) for name in slot.names}
-    offered = [parameter for parameter in free if parameter.name in own]
+    offered = [parameter for parameter in free if parameter.name in own and parameter.name not in decided]
     errors = ErrorModel(chain, slots, tuple(offered))
     resort = {f"{slot.label}.{name}": level for slot in slots for level, names in ((1, slot.spare), (2, slot.last)) for name in names}
     order = sorted(

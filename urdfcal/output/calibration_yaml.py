@@ -15,6 +15,7 @@ import yaml
 from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.base.version import __version__
 from urdfcal.calibration.error_table import SpotTable
+from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.robot import Robot
@@ -45,6 +46,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
         },
         "joints": joint_entries(calibration.corrections),
         "parameters": parameter_entries(calibration),
+        **posterior_entry(calibration),
         "carried": dict(calibration.errors.carried),
         "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
         "spots": {"before": _table(calibration.before), "after": _table(calibration.after)},
@@ -86,6 +88,18 @@ def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
         }
         for parameter, value, sigma, determined in rows
     ]
+
+
+def posterior_entry(calibration: FitResult) -> dict[str, Any]:
+    """The joints' parameters as a Gaussian about the corrected origins, for a later fit that shares some of them; SI."""
+    joints = joints_of(calibration)
+    entry = {
+        "names": list(joints.names),
+        "prior_sigma": joints.sigma.tolist(),
+        "twists": joints.screws.T.tolist(),
+        "covariance": joints.covariance.tolist(),
+    }
+    return {"posterior": entry} if joints.names else {}
 
 
 def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]:

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
 from urdfcal.calibration.result import FitResult
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
 from urdfcal.robot.robot import Robot, with_text
@@ -52,10 +53,35 @@ class JointEntry(_Loose):
     corrected: OriginEntry
 
 
+class PosteriorEntry(_Loose):
+    """What was decided of the joints' parameters."""
+
+    names: list[str] = Field(min_length=1)
+    prior_sigma: list[Finite]
+    twists: list[tuple[Finite, Finite, Finite, Finite, Finite, Finite]]
+    covariance: list[list[Finite]]
+
+    @model_validator(mode="after")
+    def _gaussian(self) -> PosteriorEntry:
+        size = len(self.names)
+        counts = {len(self.prior_sigma), len(self.twists), len(self.covariance), *map(len, self.covariance)}
+        if counts != {size}:
+            raise ValueError(f"expected a standard deviation, a twist and a row of {size} covariances for each of the {size} names")
+        covariance = np.array(self.covariance)
+        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        correlation = covariance / np.outer(scale, scale)
+        if not np.allclose(correlation, correlation.T, atol=1e-6) or np.linalg.eigvalsh(correlation).min() <= 0:
+            raise ValueError("the covariance is not symmetric and positive")
+        if min(self.prior_sigma, default=1.0) <= 0:
+            raise ValueError("a prior's standard deviation must be above zero")
+        return self
+
+
 class CalibrationEntries(_Loose):
     """The part of the file that is read back."""
 
     joints: dict[str, JointEntry] = Field(min_length=1)
+    posterior: PosteriorEntry | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -65,10 +91,12 @@ class StoredCalibration(Applicable):
     Attributes:
         path: The file.
         corrections: Nominal and corrected origin by joint name.
+        posterior: What was decided of the joints' parameters, as the file has it; None if it does not say.
     """
 
     path: Path
     corrections: dict[str, OriginCorrection]
+    posterior: PosteriorEntry | None = None
 
     def __repr__(self) -> str:
         """In a line."""
@@ -121,6 +149,28 @@ class StoredCalibration(Applicable):
             )
         return origins, missing
 
+    @property
+    def joints(self) -> EarlierJoints:
+        """What was decided of the joints' parameters, for a later fit: `fit(robot, data, after=load_calibration(path).joints)`.
+
+        Raises:
+            CalibrationFileError: the file does not say.
+        """
+        said = self.posterior
+        missing = [name for name in ([] if said is None else said.names) if name.rpartition(".")[0] not in self.corrections]
+        if said is None or missing:
+            raise CalibrationFileError(
+                "has no entry 'posterior' with what was decided of the joints; expected a file that urdfcal fit wrote: fit again", self.path
+            )
+        joints = {name.rpartition(".")[0] for name in said.names}
+        return EarlierJoints(
+            tuple(said.names),
+            np.array(said.prior_sigma),
+            np.array(said.twists).T,
+            np.array(said.covariance),
+            {joint: self.corrections[joint].corrected for joint in joints},
+        )
+
     def show(
         self, robot: Robot, data: Measurements | None = None, magnify: float | None = None, options: ModelOptions | None = None
     ) -> View:
@@ -167,7 +217,7 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
         for name, entry in entries.joints.items()
     }
-    return StoredCalibration(path, corrections)
+    return StoredCalibration(path, corrections, entries.posterior)
 
 
 def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:

@@ -240,7 +240,8 @@ def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[
         if tree.moving_link(link) not in bodies:
             raise RigError(
                 f"'{link}' is not on the way from '{rig.base}' to '{rig.tip}'; targets and what they are measured from must lie "
-                "on one chain of joints; calibrate the branches one after the other",
+                "on one chain of joints; calibrate the branches one after the other, each with --after the calibration before it, so that "
+                "what that decided stays",
                 tree.label,
             )
         depth, start, tail = bodies[tree.moving_link(link)]
