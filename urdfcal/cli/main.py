@@ -16,7 +16,7 @@ from urdfcal.cli.fit_command import fit
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
-from urdfcal.cli.simulate_commands import paper, simulate
+from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.view_command import view
 
@@ -31,7 +31,7 @@ app = typer.Typer(
 )
 
 for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
-    app.command()(_command)
+    app.command(cls=SimulateCommand if _command is simulate else None)(_command)
 
 
 @app.command()
