@@ -109,7 +109,8 @@ def _svg(figure: Figure, title: str, caption: str) -> str:
 
     stream = io.BytesIO()
     unsaid = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    FigureCanvasSVG(figure).print_svg(stream, metadata=unsaid)  # `savefig` draws all twice
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(stream, metadata=unsaid)  # `savefig` draws all twice
     root = etree.fromstring(stream.getvalue(), etree.XMLParser(remove_comments=True, resolve_entities=False))
     own = re.sub(r"\W+", "-", title.lower())
     for element in root.iter():
