@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import urdfcal
-from tests.support.paths import ROBOTS_DIR, ROOT
+from tests.support.paths import ROBOTS_DIR
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.inputs import arm7_file
-
-
-def test_paper_runs_in_a_source_checkout(tmp_path: Path) -> None:
-    """`paper` without an argument finds its arm where the package is that of a checkout, whatever folder it is called from."""
-    words = [sys.executable, "-m", "urdfcal.cli", "paper", "--runs", "1", "--json"]
-    done = subprocess.run(words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert len(json.loads(done.stdout)["lines"]) == 35
 
 
 @pytest.mark.parametrize("beside", ["urdfcal", "."], ids=["installed", "checkout"])

@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from tests.support.paths import ROBOTS_DIR
+from urdfcal.sensors.registry import SENSORS
+from urdfcal.simulation.setup import SENSOR_KINDS
 
 ARM7 = ROBOTS_DIR / "arm7" / "arm7.urdf.xacro"
 MEASUREMENTS = ROBOTS_DIR / "arm7" / "measurements.csv"
@@ -155,6 +157,14 @@ def test_help_names_every_option_with_its_unit(run_cli: Run) -> None:
         "--package-dir",
     ):
         assert option in out
+
+
+def test_help_of_simulate_names_every_sensor(run_cli: Run) -> None:
+    """Whatever the registry can read at any pose, or touch, can be asked for, and the help of --sensor lists how."""
+    words = " ".join(run_cli("simulate", "--help").out.split())
+    assert f"or {', '.join(list(SENSOR_KINDS)[:-1])} or {list(SENSOR_KINDS)[-1]} of a target on LINK" in words
+    can = {name for name, sensor in SENSORS.items() if sensor.anywhere or sensor.touches}
+    assert {name for names in SENSOR_KINDS.values() for name in names} == can
 
 
 @pytest.mark.parametrize("command", ["fit", "evaluate", "dh", "simulate", "apply", "paper"])

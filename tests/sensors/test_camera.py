@@ -14,7 +14,7 @@ from tests.support.helpers import assert_poses_close, central_differences
 from tests.support.vision_scenes import random_camera
 from urdfcal.base.errors import InputError, ShapeMismatch, UsageError
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.lenses import intrinsic_names, projected, widest_tangent
+from urdfcal.sensors.lenses import intrinsic_names, projected, unprojected, unprojected_grid, widest_tangent
 from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
 
 MATRIX = np.array([[800.0, 0, 640], [0, 805, 360], [0, 0, 1]])
@@ -83,6 +83,34 @@ def test_spots_and_pixels_are_inverse() -> None:
         camera = random_camera(np.random.default_rng(5), side)
         spots = np.random.default_rng(6).uniform(-0.7, 0.7, (50, 2))
         np.testing.assert_allclose(camera.spots_of_pixels(camera.pixels_of_spots(spots)), spots, atol=1e-9)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize(("beyond", "step"), [(500, 7.0), (0, 4.0), (-300, 0.9)], ids=["turning back", "picture", "parts of pixels"])
+def test_the_rays_of_a_grid_are_those_of_its_pixels(lens: str, beyond: float, step: float) -> None:
+    """Projected again, the rays of pixels, or of parts of pixels, are within 2e-4 px of them, also far out where a lens turns back."""
+    camera = camera_with(lens)
+    u, v = (np.arange(-beyond, size + beyond, step) for size in camera.size)
+    one_by_one = unprojected(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2), MATRIX, camera.distortion, camera.lens)
+    grid = unprojected_grid(u, v, MATRIX, camera.distortion, camera.lens)
+    assert grid.shape == (len(v), len(u), 3)
+    np.testing.assert_array_equal(np.isnan(grid).reshape(-1, 3)[:, 0], np.isnan(one_by_one)[:, 0])
+    again = camera.project(grid.reshape(-1, 3)).reshape(len(v), len(u), 2)
+    off = np.abs(again - np.stack(np.meshgrid(u, v), axis=-1))
+    assert np.nanmax(off) < 2e-4
+
+
+def test_the_spots_of_a_grid_are_those_of_its_pixels() -> None:
+    """Also where the camera looks past the screen's horizon, in which part there is no spot."""
+    camera = random_camera(np.random.default_rng(5), "front", oblique_deg=1.0)
+    turned = replace(camera, T_camera_screen=pin.SE3(pin.exp3(np.array([0.0, 1.45, 0.0])), np.zeros(3)) * camera.T_camera_screen)
+    u, v = np.arange(camera.size[0]) + 0.0, np.arange(100, 200) + 0.0
+    spots = turned.spots_of_grid(u, v)
+    expected = turned.spots_of_pixels(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).reshape(spots.shape)
+    assert 0.2 < np.isnan(expected).mean() < 0.9
+    np.testing.assert_array_equal(np.isnan(spots), np.isnan(expected))
+    near = np.abs(expected).max(axis=-1) < 10
+    np.testing.assert_allclose(spots[near], expected[near], atol=1e-5)
 
 
 def test_left_is_plus_y_from_the_front_and_right_from_the_back() -> None:

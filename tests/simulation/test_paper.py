@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from tests.conftest import CliResult
 from urdfcal.base.terminal import as_text
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -17,6 +21,22 @@ from urdfcal.simulation.paper import Line, cases, paper_poses, paper_tables, pap
 def lines(robots: dict[str, Robot]) -> list[Line]:
     """One draw."""
     return paper_tables(robots["arm7"], runs=1, seed=1)
+
+
+def test_the_command_prints_both_tables_wherever_it_is_called_from(
+    lines: list[Line], monkeypatch: pytest.MonkeyPatch, run_cli: Callable[..., CliResult]
+) -> None:
+    """`paper` without an argument finds its arm, that of the paper, from a folder without robots, and prints every line."""
+    asked: list[str] = []
+
+    def tables(robot: Robot, runs: int, seed: int, advance: object) -> list[Line]:
+        asked.append(f"{robot.name}, {runs} run, seed {seed}")
+        return lines
+
+    monkeypatch.setattr("urdfcal.simulation.paper.paper_tables", tables)
+    done = run_cli("paper", "--runs", "1", "--json")
+    assert (done.code, done.err, asked) == (0, "", ["arm7, 1 run, seed 0"])
+    assert len(json.loads(done.out)["lines"]) == len(lines) == 35
 
 
 def mean_to_true(lines: list[Line], protocol: str, estimator: str, case: int, poses: str) -> float:

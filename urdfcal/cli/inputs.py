@@ -86,7 +86,7 @@ def measured(
         raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
     if reference is not None and not (rig and rig.reference) and data.only_spots:
         raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")
-    if camera is not None and "pixel" not in data.kinds:
+    if camera is not None and not any(reading.kind.by_camera for reading in data.readings):
         raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
     return as_measured(robot, data), data
 

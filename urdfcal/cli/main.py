@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import os
 import sys
-from typing import NoReturn
+from functools import cache
+from typing import Any, NoReturn
 
 import typer
 
@@ -16,7 +17,7 @@ from urdfcal.cli.fit_command import fit
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
-from urdfcal.cli.simulate_commands import paper, simulate
+from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.view_command import view
 
@@ -31,7 +32,7 @@ app = typer.Typer(
 )
 
 for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
-    app.command()(_command)
+    app.command(cls=SimulateCommand if _command is simulate else None)(_command)
 
 
 @app.command()
@@ -42,6 +43,12 @@ def version() -> None:
     print(__version__)
 
 
+@cache
+def _commands() -> Any:
+    """What typer makes of all commands, once a process: it evaluates the annotations of every option."""
+    return typer.main.get_command(app)
+
+
 def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: on a busy machine threads cost far more than they bring
@@ -49,7 +56,7 @@ def main() -> NoReturn:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
     try:
-        code = app(standalone_mode=False, prog_name="urdfcal")
+        code = _commands()(standalone_mode=False, prog_name="urdfcal")
     except FitRejected as error:
         way_out = " (--force writes it anyway)" if error.forceable else ""
         _fail(f"rejected: {error}; nothing written{way_out}", error.exit_code)

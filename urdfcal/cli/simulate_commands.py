@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from urdfcal.cli.console import ProgressBar, finish, say, show
 from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
@@ -14,6 +15,20 @@ from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Refe
 
 if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
+
+
+class SimulateCommand(TyperCommand):
+    """A command whose help lists the sensors that there are; they are looked up when it is asked for, since that takes its time."""
+
+    def format_help(self, *given: Any) -> None:
+        """Write the help."""
+        from urdfcal.simulation.setup import SENSOR_KINDS
+
+        *most, last = SENSOR_KINDS
+        for option in self.params:
+            if (words := getattr(option, "help", None)) is not None:
+                option.help = words.replace("{sensors}", f"{', '.join(most)} or {last}")  # type: ignore[attr-defined]
+        super().format_help(*given)
 
 
 def simulate(
@@ -57,7 +72,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             metavar="KIND:LINK",
-            help="What measures: laser (the robot's lasers), or point, pose, distance, plane, socket or inclination of a target on LINK, "
+            help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
             "several on one link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
             show_default=False,
         ),

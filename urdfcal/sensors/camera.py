@@ -15,7 +15,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector
-from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens, projected, unprojected
+from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens, projected, unprojected, unprojected_grid
 
 Side = Literal["front", "back"]
 
@@ -82,12 +82,26 @@ class Camera:
         Raises:
             UsageError: the camera knows no screen.
         """
-        rays = self.rays(pixels) @ self._screen.rotation  # in screen axes
+        return self._met(self.rays(pixels))
+
+    def spots_of_grid(self, u: Vector, v: Vector) -> Array3:
+        """Where the rays of all pixels in columns u (w,) and rows v (h,), both growing, meet the screen, (h, w, 2) = (y, z), [m].
+
+        It is what `spots_of_pixels` says of every pixel, to 1e-4 px, in a small part of the time; nan where rays do not meet it.
+
+        Raises:
+            UsageError: the camera knows no screen.
+        """
+        return self._met(unprojected_grid(u, v, self.matrix, self.distortion, self.lens))
+
+    def _met(self, rays: Array3) -> Array3:
+        """Where rays (..., 3) in camera axes, of any length, meet the screen, (..., 2) = (y, z), [m]."""
+        rays = rays @ self._screen.rotation  # in screen axes
         centre = self._screen.actInv(np.zeros(3))
         with np.errstate(divide="ignore", invalid="ignore"):
-            lengths = -centre[0] / rays[:, 0]
+            lengths = -centre[0] / rays[..., 0]
         lengths[~(lengths > 0)] = np.nan
-        return np.asarray(centre[1:] + lengths[:, None] * rays[:, 1:])
+        return np.asarray(centre[1:] + lengths[..., None] * rays[..., 1:])
 
     def spot_jacobian(self, pixels: Matrix) -> Array3:
         """How spots move with their pixels, (n, 2, 2), [m/px]: the inverse of how pixels move with the spots.

@@ -35,13 +35,14 @@ class InclinometerSensor(Sensor):
     """Roll and pitch of a link against gravity."""
 
     name = noise = title = "inclination"
-    words = Words("inclination", "inclinations", "inclination noise", "deg", 0.02, 5.0)
+    words = Words("inclination", "inclinations", "inclination noise", "deg", 0.02, 5.0, "a measured rotation")
     stored = numbers = 2
     components = "xy"
     endings: ClassVar[Mapping[str, Quantity]] = {"incl_x": "angle", "incl_y": "angle"}
     offset = SIX[3:]
     seen_from = "places"
     anywhere = True
+    simulated = ("inclination",)
 
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""

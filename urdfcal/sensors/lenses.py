@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 
 Lens = Literal["plain", "rational", "fisheye"]
 DISTORTION_NAMES: dict[Lens, tuple[str, ...]] = {
@@ -31,6 +31,8 @@ DISTORTION_NAMES: dict[Lens, tuple[str, ...]] = {
 _WIDEST = np.radians(85.0)  # off the axis; a flat picture of more is beyond any lens model here
 _NEWTON_STEPS = 12
 _CLOSE_PX = 1e-7
+_STEP_PX = 16.0  # between the pixels of a grid whose rays are sought one by one
+_BETWEEN_PX = 1e-4  # how far off a ray may be that is interpolated
 
 
 def intrinsic_names(lens: Lens) -> tuple[str, ...]:
@@ -115,6 +117,68 @@ def unprojected(pixels: Matrix, matrix: Matrix, distortion: Vector, lens: Lens) 
     off = projected(rays, matrix, distortion, lens)[0] - pixels
     rays[~(np.abs(off).max(axis=1, initial=0) < 1e-3)] = np.nan
     return rays
+
+
+def unprojected_grid(u: Vector, v: Vector, matrix: Matrix, distortion: Vector, lens: Lens) -> Array3:
+    """Rays of all pixels of a grid, as `unprojected`, to 1e-4 px: cubics through the rays of every 16th pixel.
+
+    In the middle between those, where a cubic is farthest off, it is held against the lens; where that is not close, as at the rim
+    of what the lens model can see, every pixel's ray is sought.
+
+    Args:
+        u: Columns of the pixels, (w,), growing, [px].
+        v: Their rows, (h,), growing, [px].
+        matrix: (3, 3), [px].
+        distortion: In the order of `DISTORTION_NAMES`.
+        lens: Which of the models.
+
+    Returns:
+        (h, w, 3) with z = 1; nan where no ray within the model's range meets the pixel.
+    """
+    across, down = _nodes(u), _nodes(v)
+    rays = np.ones((len(v), len(u), 3))
+    sought: Mask = np.ones(rays.shape[:2], dtype=bool)
+    if 4 * len(across) * len(down) < sought.size:
+        nodes = unprojected(_grid(across, down), matrix, distortion, lens).reshape(len(down), len(across), 3)[..., :2]
+        in_u, in_v = (u - across[0]) / _STEP_PX, (v - down[0]) / _STEP_PX
+        rays[..., :2] = _cubic(nodes, in_u, in_v)
+        sought = _far_off(nodes, across, down, matrix, distortion, lens)[np.ix_(in_v.astype(int) - 1, in_u.astype(int) - 1)]
+    rays[sought] = unprojected(_grid(u, v).reshape(len(v), len(u), 2)[sought], matrix, distortion, lens)
+    return rays
+
+
+def _nodes(along: Vector) -> Vector:
+    """Every 16th pixel from the first to the last, and two more to either side."""
+    count = int((along[-1] - along[0]) // _STEP_PX) + 2
+    return np.asarray(along[0] + _STEP_PX * np.arange(-1, count + 1))
+
+
+def _grid(u: Vector, v: Vector) -> Matrix:
+    """Pixels (h w, 2), row by row."""
+    return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+
+
+def _far_off(nodes: Array3, across: Vector, down: Vector, matrix: Matrix, distortion: Vector, lens: Lens) -> Mask:
+    """Between which nodes the cubics are not close to the lens, or there is no ray; (rows - 3, columns - 3)."""
+    shape = (len(down) - 3, len(across) - 3)
+    middle = np.ones((*shape, 3))
+    middle[..., :2] = _cubic(nodes, 1.5 + np.arange(shape[1], dtype=float), 1.5 + np.arange(shape[0], dtype=float))
+    pixels = _grid(across[1:-2] + _STEP_PX / 2, down[1:-2] + _STEP_PX / 2)
+    off = projected(np.nan_to_num(middle.reshape(-1, 3), nan=-1.0), matrix, distortion, lens)[0] - pixels
+    return np.asarray(~(np.abs(off).max(axis=1) < _BETWEEN_PX)).reshape(shape)
+
+
+def _cubic(nodes: Array3, u: Vector, v: Vector) -> Array3:
+    """Lagrange's cubic through the four nearest nodes, along rows and then along columns; u and v count nodes, (h, w, 2)."""
+    return _along(np.swapaxes(_along(np.swapaxes(nodes, 0, 1), u), 0, 1), v)
+
+
+def _along(nodes: Array3, place: Vector) -> Array3:
+    """The same along the first axis."""
+    first = place.astype(int) - 1
+    t = (place - first - 1)[:, None, None]
+    weights = (-t * (t - 1) * (t - 2) / 6, (t + 1) * (t - 1) * (t - 2) / 2, -(t + 1) * t * (t - 2) / 2, (t + 1) * t * (t - 1) / 6)
+    return np.asarray(sum(weight * nodes[first + step] for step, weight in enumerate(weights)))
 
 
 @lru_cache(maxsize=64)

@@ -23,6 +23,7 @@ class PixelSensor(Sensor):
     components = "uv"
     endings: ClassVar[Mapping[str, Quantity]] = {"u": "pixel", "v": "pixel"}
     sigma_ending = "sigma_px"
+    by_camera = True
     mark = "target, on the ray of its pixel"
     line = "line of sight"
 

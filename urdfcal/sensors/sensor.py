@@ -41,6 +41,7 @@ class Words:
         unit: In which people read it: a key of UNITS.
         start_sigma: Standard deviation of a number of it before any is known, in that unit.
         most: The same that no instrument exceeds, in that unit.
+        number: What one of its numbers is called, with an article.
     """
 
     one: str
@@ -49,6 +50,7 @@ class Words:
     unit: str
     start_sigma: float
     most: float
+    number: str = "a measured coordinate"
 
     @property
     def size(self) -> float:
@@ -151,6 +153,9 @@ class Sensor:
         offset: Which numbers of the target's offset on its link matter, of SIX.
         anywhere: Whether it can read at any pose, unlike touches and pictures.
         beam: Whether the target is a laser: it leaves its frame's origin along +z.
+        by_camera: Whether readings are pixels of a camera.
+        simulated: How `urdfcal simulate` is asked for it, and for whatever else goes by that name; nothing where it cannot be.
+        told_more_by: The sensor that would tell more of a target that this one reads; the empty string for none.
         endings: Endings of its columns behind the target's name, with what they are.
         sigma_ending: Of the column that states the noise of each reading; the empty string for none.
         empty: What to do with the cells of a reading that was not made.
@@ -172,6 +177,9 @@ class Sensor:
     offset: ClassVar[tuple[str, ...]] = SIX[:3]
     anywhere: ClassVar[bool] = False
     beam: ClassVar[bool] = False
+    by_camera: ClassVar[bool] = False
+    simulated: ClassVar[tuple[str, ...]] = ()
+    told_more_by: ClassVar[str] = ""
     endings: ClassVar[Mapping[str, Quantity]]
     sigma_ending: ClassVar[str] = "sigma"
     empty: ClassVar[str] = "leave the cell empty if it was not read"
@@ -261,6 +269,16 @@ class Sensor:
     def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
         """Places for a simulation, by name; `points` (1 + labels, 3) are where the target can be."""
         return {}
+
+    def touched_from(self, place: Vector, axes: Matrix, off: Vector) -> tuple[Vector, Matrix]:
+        """For touches in a simulation: a point (3,) [m], and the projection (3, 3) across which a target must come to it.
+
+        Args:
+            place: The true numbers of what is touched, (a,).
+            axes: The axes that they are in, as columns, (3, 3).
+            off: By how much the touch misses it, (3,), [m].
+        """
+        raise NotImplementedError
 
     def seen(self, values: Matrix, labels: Labels) -> Mask:
         """At which poses there is a reading, (n,)."""

@@ -171,7 +171,7 @@ class SpotSensor(Sensor):
     """A laser's spot in metres on the screen, h = (y, z)."""
 
     name = noise = "spot"
-    words = Words("spot", "spots", "spot noise", "mm", 1.0, float("inf"))  # the screen may be far away
+    words = Words("spot", "spots", "spot noise", "mm", 1.0, float("inf"), "a spot coordinate")  # the screen may be far away
     stored = numbers = 2
     components = "yz"
     drawn = "measured spots"

@@ -47,6 +47,8 @@ class PointSensor(Sensor):
     drawn = "measured points"
     endings: ClassVar[Mapping[str, Quantity]] = {"x": "length", "y": "length", "z": "length"}
     anywhere = True
+    simulated = ("point", "pose")
+    told_more_by = "orientation"
     mark = "point, measured"
     line = "line of sight"
 
@@ -97,11 +99,12 @@ class OrientationSensor(Sensor):
     """
 
     name = noise = title = "orientation"
-    words = Words("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0)
+    words = Words("orientation", "orientations", "orientation noise", "deg", 0.05, 5.0, "a measured rotation")
     stored, numbers = 4, 3
     components = "xyz"
     offset = SIX
     anywhere = True
+    simulated = ("pose",)
     endings: ClassVar[Mapping[str, Quantity]] = {**dict.fromkeys(QUATERNION, "ratio"), **dict.fromkeys(ROLL_PITCH_YAW, "angle")}
     sigma_ending = ""
     blank = (0.0, 0.0, 0.0, 1.0)
@@ -183,6 +186,7 @@ class DistanceSensor(Sensor):
     stored = numbers = 1
     endings: ClassVar[Mapping[str, Quantity]] = {"distance": "length"}
     anywhere = True
+    simulated = ("distance",)
     seen_from = "places"
     mark = "target, at the measured distance"
     line = "wire"
@@ -245,6 +249,7 @@ class PlaneSensor(Sensor):
     stored, numbers = 0, 1
     endings: ClassVar[Mapping[str, Quantity]] = {"plane": "label"}
     touches = True
+    simulated = ("plane",)
     seen_from = "places"
     mark = "touch, on its plane"
 
@@ -286,6 +291,10 @@ class PlaneSensor(Sensor):
             found[f"plane:{label}"] = FoundPlace(np.array([0.0, 0.0, float(axes[:, 0] @ point)]), axes)
         return found
 
+    def touched_from(self, place: Vector, axes: Matrix, off: Vector) -> tuple[Vector, Matrix]:
+        """See the base class; across the plane alone. A simulated plane is not tilted against its axes."""
+        return axes[:, 0] * (place[2] + off[0]), np.outer(axes[:, 0], axes[:, 0])
+
     def shown(self, view: View, values: Matrix) -> Matrix:
         """See the base class; the foot on the plane."""
         n = self.normals(view)
@@ -311,6 +320,7 @@ class SocketSensor(Sensor):
     drawn = "sockets"
     endings: ClassVar[Mapping[str, Quantity]] = {"socket": "label"}
     touches = True
+    simulated = ("socket",)
     seen_from = "places"
     mark = "socket, where its touches meet"
 
@@ -334,6 +344,10 @@ class SocketSensor(Sensor):
     def simulated_places(self, target: str, labels: Sequence[str], points: Matrix, draw: Draws) -> Mapping[str, FoundPlace]:
         """See the base class."""
         return {f"socket:{label}": FoundPlace(point) for label, point in zip(labels, points, strict=False)}
+
+    def touched_from(self, place: Vector, axes: Matrix, off: Vector) -> tuple[Vector, Matrix]:
+        """See the base class; the point itself."""
+        return place + off, np.eye(3)
 
     def shown(self, view: View, values: Matrix) -> Matrix:
         """See the base class; the socket itself."""

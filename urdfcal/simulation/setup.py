@@ -25,8 +25,8 @@ from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
 
-_ALONE = [name for name, sensor in SENSORS.items() if (sensor.anywhere or sensor.touches) and name not in ("point", "orientation")]
-SENSOR_KINDS: dict[str, tuple[str, ...]] = {"point": ("point",), "pose": ("point", "orientation"), **{name: (name,) for name in _ALONE}}
+_ASKED = dict.fromkeys(word for sensor in SENSORS.values() for word in sensor.simulated)
+SENSOR_KINDS = {word: tuple(name for name, sensor in SENSORS.items() if word in sensor.simulated) for word in _ASKED}
 _FRAME_FAR, _TARGET_FAR = 1.0, 0.08  # [m] how far instruments stand from what they are on, a standard deviation
 
 

@@ -11,6 +11,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.model.jacobian import CHUNK
 from urdfcal.robot.configurations import joint_limits
+from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import point_jacobian
 from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, place_labels, random_positions
 
@@ -84,11 +85,8 @@ class _Goal:
 
 
 def _goal(setup: SimulatedSetup, touch: Touch, off: Vector) -> _Goal:
-    place = setup.place(f"{touch.kind}:{touch.label}")
-    if touch.kind == "socket":
-        return _Goal(touch.target, place + off, np.eye(3))
-    normal = setup.errors.planes[f"plane:{touch.label}"][:, 0]
-    return _Goal(touch.target, normal * (place[2] + off[0]), np.outer(normal, normal))
+    name = f"{touch.kind}:{touch.label}"
+    return _Goal(touch.target, *SENSORS[touch.kind].touched_from(setup.place(name), setup.errors.planes.get(name, np.eye(3)), off))
 
 
 def _newton(setup: SimulatedSetup, session: str, wanted: Sequence[_Goal], q: Matrix) -> tuple[Matrix, Mask]:

@@ -176,13 +176,13 @@ def test_names_from_files_are_escaped(written: Written, ending: str) -> None:
     """Names of joints, lasers and poses are text, whatever they are made of, also in pictures and where the font lacks their letters."""
     nasty = "&lt;script&gt;alert(1)&lt;/script&gt;&amp;|`$x$`_關節"
     robot = robot_of(URDF.replace('"turn"', f'"{nasty}"').replace('name="small"', 'name="&lt;b&gt;"'))
-    calibration = simulated(robot, fitted=12, tested=2, error_model="placement")
-    assert "<script>alert(1)</script>&|`$x$`_關節.rot_z" in calibration.errors.names
+    calibration = simulated(robot, fitted=12, tested=2, error_model="offset")
+    assert "<script>alert(1)</script>&|`$x$`_關節.d_theta" in calibration.errors.names
     text = written(calibration, ending)
     assert "<script" not in text
     assert "<b>" not in text.removeprefix("<b ").replace("<b style", "")
     if ending == ".html":
-        assert "<script>alert(1)</script>&|`$x$`_關節.rot_z" in Outline(text).text
+        assert "<script>alert(1)</script>&|`$x$`_關節.d_theta" in Outline(text).text
 
 
 @pytest.mark.parametrize("ending", [".html", ".md", ".json"])

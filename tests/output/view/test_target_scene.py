@@ -20,8 +20,10 @@ from tests.support.paths import SHARED_DATA
 from tests.support.sensor_cases import CASES, SINGLE, setup_of
 from urdfcal.api import fit
 from urdfcal.base.geometry import MM, Matrix
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import evaluate
+from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.output.view.key_frames import MOST_POSES, key_frames
 from urdfcal.output.view.meshes import FLAT, ROUND, arrows, balls, crosses, disc, ring
@@ -35,7 +37,7 @@ from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.measurements import Measurements, as_measured, measurements_from
 from urdfcal.sensors.measurements_csv import write_measurements
-from urdfcal.sensors.readings import Readings
+from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.simulation.readings import ReadingNoise, simulate_readings
 from urdfcal.simulation.truth import random_truth
 
@@ -174,14 +176,18 @@ def test_pixels_are_drawn_as_spots_and_on_rays(plain: dict[str, Robot], rng: np.
     scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene
     np.testing.assert_allclose(scene.data.spots[:, 1], camera.spots_of_pixels(spots[1].values))
     assert list(scene.groups) == ["screen"]
-    pixels = [np.tile((500.0, 400.0), (n, 1)) + 40 * np.array(divmod(k, 4)[::-1]) + rng.normal(0, 3, (n, 2)) for k in range(grid.corners)]
-    corners = tuple(Readings("pixel", f"slm:{k}", "slm", own, blank, none) for k, own in enumerate(pixels))
-    board = replace(bare, readings=corners, camera=camera, boards={"slm": grid}, reference="panda_link0")
-    scene = drawn(as_measured(robot, board), board)
+    unread = tuple(blank_readings("pixel", f"slm:{k}", "slm", n) for k in range(grid.corners))
+    board = replace(bare, readings=unread, camera=camera, boards={"slm": grid}, reference="panda_link0")
+    held = as_measured(robot, board)
+    model = build_error_model(held.chain, held.rig)
+    pixels = [each + rng.normal(0, 3, (n, 2)) for each in Problem(model, board).read(np.zeros(len(model.names)))]
+    board = replace(board, readings=tuple(replace(own, values=read) for own, read in zip(unread, pixels, strict=True)))
+    scene = drawn(held, board)
     assert [row.name for row in scene.compared] == ["slm pixels"]
     assert (len(targets(scene).marks), len(targets(scene).moving)) == (12, 4)
     for mark, own in zip(targets(scene).marks, pixels, strict=True):
         ahead = mark.read[:, 2] > 0
+        assert ahead.any()
         np.testing.assert_allclose(camera.project(mark.read[ahead]), own[ahead], atol=1e-6)
 
 

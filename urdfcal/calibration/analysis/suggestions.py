@@ -31,6 +31,7 @@ from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements, as_measured, measurements_from, start_sigma
 from urdfcal.sensors.readings import Readings, blank_readings
+from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.spots import beams_at, beams_of, spot_jacobian
 
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
@@ -156,7 +157,7 @@ def _candidates(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, M
         yield from _moved_screen(trial)
     elif all(reading.kind.anywhere for reading in trial.data.readings):
         yield from _range_anywhere(trial, rng)
-    yield from _orientations(trial)
+    yield from _told_more(trial)
 
 
 def _range_on_the_screen(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:
@@ -246,21 +247,22 @@ def _range_anywhere(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[st
 
 
 def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
-    """Readings that leave no residual to speak of; only an orientation's derivative depends on it."""
-    return replace(own, values=predicted_axes(trial, data, own.target)) if own.sensor == "orientation" else own
+    """Readings that leave no residual to speak of: the derivative of some, as of orientations, depends on it."""
+    read = predicted(trial, data, own.sensor, own.target)
+    return replace(own, values=np.where(own.seen[:, None], read, own.values))
 
 
-def _orientations(trial: Trial) -> Iterator[tuple[str, Matrix]]:
-    """The same poses with the orientation of a target read, too, where only its place was."""
-    turned = {reading.target for reading in trial.data.readings if reading.sensor == "orientation"}
+def _told_more(trial: Trial) -> Iterator[tuple[str, Matrix]]:
+    """The same poses with more read of a target, as its orientation where only its place was."""
+    read = {(reading.sensor, reading.target) for reading in trial.data.readings}
     for reading in trial.data.readings:
-        if reading.sensor != "point" or reading.target in turned:
+        more = reading.kind.told_more_by
+        if not more or (more, reading.target) in read:
             continue
-        values = np.where(reading.seen[:, None], predicted_axes(trial, trial.data, reading.target), np.nan)
-        nothing = np.full(len(values), np.nan)
-        axes = Readings("orientation", reading.target, reading.link, values, np.full(len(values), ""), nothing)
-        words = f"the orientation of {reading.target} too, or further points on {reading.link} that are not in line with it"
-        yield words, _posterior_with(trial, replace(trial.data, readings=(*trial.data.readings, axes)))
+        values = np.where(reading.seen[:, None], predicted(trial, trial.data, more, reading.target), np.nan)
+        further = Readings(more, reading.target, reading.link, values, np.full(len(values), ""), np.full(len(values), np.nan))
+        words = f"the {SENSORS[more].words.one} of {reading.target} too, or further points on {reading.link} that are not in line with it"
+        yield words, _posterior_with(trial, replace(trial.data, readings=(*trial.data.readings, further)))
 
 
 def _posterior_with(trial: Trial, data: Measurements) -> Matrix:
@@ -274,8 +276,8 @@ def _posterior_with(trial: Trial, data: Measurements) -> Matrix:
     return posterior_of(nominal.errors, whitened(nominal.errors, data, noise, nominal.x))
 
 
-def predicted_axes(trial: Trial, data: Measurements, target: str) -> Matrix:
-    """Orientation of a target in its measuring frame at some poses, as unit quaternions x, y, z, w, (n, 4)."""
-    blank = replace(data, readings=(blank_readings("orientation", target, target, len(data)),), lengths=())
-    axes: Matrix = Problem(trial.errors, blank).read(trial.x)[0]
-    return axes
+def predicted(trial: Trial, data: Measurements, sensor: str, target: str) -> Matrix:
+    """What a sensor would read of a target at some poses, as readings keep it, (n, stored)."""
+    blank = replace(data, readings=(blank_readings(sensor, target, target, len(data)),), lengths=())
+    read: Matrix = Problem(trial.errors, blank).read(trial.x)[0]
+    return read

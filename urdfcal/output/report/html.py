@@ -8,10 +8,10 @@ from collections import defaultdict
 from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.content import Report
 from urdfcal.output.report.document import Block
-from urdfcal.output.report.parameter_plots import convergence_pictures, value_pictures
-from urdfcal.output.report.residual_maps import map_pictures
-from urdfcal.output.report.residual_plots import component_pictures, size_pictures
-from urdfcal.output.report.svg import Picture, house_style
+from urdfcal.output.report.plots.maps import map_pictures
+from urdfcal.output.report.plots.parameters import convergence_pictures, value_pictures
+from urdfcal.output.report.plots.residuals import component_pictures, size_pictures
+from urdfcal.output.report.plots.svg import Picture, house_style
 from urdfcal.output.report.touches import consistency_pictures
 from urdfcal.output.report.verdict import Level
 from urdfcal.output.templates import filled_template

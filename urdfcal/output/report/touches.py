@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from urdfcal.output.report.plots.svg import SERIES, WIDE, Picture, draw_picture
 from urdfcal.output.report.residuals import Residuals
-from urdfcal.output.report.svg import SERIES, WIDE, Picture, draw_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

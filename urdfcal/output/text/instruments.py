@@ -16,14 +16,13 @@ from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
-from urdfcal.sensors.sensor import UNITS
 
 
 def noise_in_words(calibration: FitResult) -> str:
     """`spot noise 1.1 mm (estimated from the residual)`: standard deviations of single coordinates, and where they are known from."""
     data, by_source = calibration.data, dict[str, list[str]]()
     for index, kind in enumerate(data.kinds):
-        if kind == "spot" and not data.seen.any() and not data.only_spots:  # spots were read as pixels
+        if len(data.kinds) > 1 and not any(reading.seen.any() for reading in data.readings if reading.noise == kind):
             continue
         sigma = WORDS[kind].told(calibration.estimate.noise.sigma[index])
         by_source.setdefault(_source(calibration, kind, index), []).append(f"{WORDS[kind].noise} {sigma}")
@@ -48,9 +47,8 @@ def assumed_noise(data: Measurements, noise: Noise) -> str:
 
 def first_kind(calibration: FitResult) -> tuple[str, str, float]:
     """What the history's residual is of, in words, the unit in which people read it, and that unit's size in SI."""
-    kind = calibration.data.kinds[0]
-    unit = WORDS[kind].unit
-    return "a spot coordinate" if kind == "spot" else f"a measured {'rotation' if unit == 'deg' else 'coordinate'}", unit, UNITS[unit]
+    words = WORDS[calibration.data.kinds[0]]
+    return words.number, words.unit, words.size
 
 
 def parameters_in_words(errors: ErrorModel) -> str:

@@ -67,7 +67,7 @@ def backdrop(camera: Camera, lighting: Lighting, markers: ScreenMarkers | None =
     """The screen without lasers, (h, w, 3)."""
     width, height = camera.size
     columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    spots = camera.spots_of_pixels(np.column_stack([columns.ravel(), rows.ravel()])).reshape(height, width, 2)
+    spots = camera.spots_of_grid(columns[0], rows[:, 0])
     half = lighting.screen_size / 2
     along = spots @ np.array([np.cos(lighting.angle), np.sin(lighting.angle)]) / half
     light = lighting.level * np.clip(1 + lighting.gradient * np.nan_to_num(along), 0.1, None)
@@ -200,8 +200,7 @@ def _fine_spots(camera: Camera, rows: slice, columns: slice) -> Array3:
     inside = (np.arange(_FINE) + 0.5) / _FINE - 0.5
     u = (np.arange(columns.start, columns.stop)[:, None] + inside).ravel()
     v = (np.arange(rows.start, rows.stop)[:, None] + inside).ravel()
-    across, down = np.meshgrid(u, v)
-    return camera.spots_of_pixels(np.column_stack([across.ravel(), down.ravel()])).reshape(len(v), len(u), 2)
+    return camera.spots_of_grid(u, v)
 
 
 def _averaged(fine: Matrix) -> Matrix:

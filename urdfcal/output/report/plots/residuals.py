@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.output.report.residual_maps import MOST_NAMED, thinned_rows
+from urdfcal.output.report.plots.maps import MOST_NAMED, thinned_rows
+from urdfcal.output.report.plots.svg import DASHES, INK, MARKERS, SANE, SERIES, WIDE, Picture, draw_picture
 from urdfcal.output.report.residuals import Residuals
-from urdfcal.output.report.svg import DASHES, INK, MARKERS, SANE, SERIES, WIDE, Picture, draw_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -105,9 +105,12 @@ def _columns(labels: Sequence[str], width: float) -> int:
 def _svg(figure: Figure, title: str, caption: str) -> str:
     """The drawing as an element for a page: colours by variables, fonts from the page, ids of its own."""
     from lxml import etree
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     stream = io.BytesIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    unsaid = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(stream, metadata=unsaid)  # `savefig` draws all twice
     root = etree.fromstring(stream.getvalue(), etree.XMLParser(remove_comments=True, resolve_entities=False))
     own = re.sub(r"\W+", "-", title.lower())
     for element in root.iter():

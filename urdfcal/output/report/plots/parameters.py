@@ -12,7 +12,7 @@ from urdfcal.base.geometry import Matrix
 from urdfcal.base.terminal import displayed
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
-from urdfcal.output.report.svg import BAND, DASHES, INK, MARKERS, SERIES, WIDE, Picture, draw_picture, sane
+from urdfcal.output.report.plots.svg import BAND, DASHES, INK, MARKERS, SERIES, WIDE, Picture, draw_picture, sane
 from urdfcal.output.text.instruments import first_kind
 
 if TYPE_CHECKING:

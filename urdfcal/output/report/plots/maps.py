@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.output.report.plots.svg import MARKERS, SANE, SERIES, Picture, draw_picture
 from urdfcal.output.report.residuals import Residuals, Rows
 from urdfcal.output.report.suspects import Suspect
-from urdfcal.output.report.svg import MARKERS, SANE, SERIES, Picture, draw_picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ import pytest
 from lxml import etree
 from matplotlib.axes import Axes
 
-from urdfcal.output.report.svg import INK, SERIES, Picture, draw_picture, house_style
+from urdfcal.output.report.plots.svg import INK, SERIES, Picture, draw_picture, house_style
 
 WORDS = ("</text><script>", 'id="x" href="#y" url(#z)', "a\u00a0&amp; b", INK)
 
