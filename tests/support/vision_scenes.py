@@ -67,13 +67,14 @@ def marker_light(markers: ScreenMarkers, moved: dict[int, Vector] | None = None,
                 continue
             cells = markers.cells_of(marker)
             centre = np.array(markers.centres[marker]) + (moved or {}).get(marker, 0.0)
+            near = np.flatnonzero((np.abs(y - centre[0]) < markers.size) & (np.abs(z - centre[1]) < markers.size))
             count = len(cells)
-            column = (centre[0] - y) / markers.size * count + count / 2  # to the right, seen from the front
-            row = (centre[1] - z) / markers.size * count + count / 2
+            column = (centre[0] - y[near]) / markers.size * count + count / 2  # to the right, seen from the front
+            row = (centre[1] - z[near]) / markers.size * count + count / 2
             rim = (np.abs(column - count / 2) < count / 2 + 1) & (np.abs(row - count / 2) < count / 2 + 1)
-            level[rim] = WHITE
+            level[near[rim]] = WHITE
             inside = (column >= 0) & (column < count) & (row >= 0) & (row < count)
-            level[inside] = np.where(cells[row[inside].astype(int), column[inside].astype(int)], WHITE, BLACK)
+            level[near[inside]] = np.where(cells[row[inside].astype(int), column[inside].astype(int)], WHITE, BLACK)
         return level
 
     return light
