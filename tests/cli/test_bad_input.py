@@ -60,7 +60,7 @@ URDFS = {
         urdf("<robot", '<robot xmlns="u"'),
         "small.urdf:2: <robot> is in the default namespace 'u', expected none; remove xmlns",
     ),
-    "urdf without a name": (FIT, urdf(' name="small"', ""), "small.urdf: Pinocchio's URDF reader refuses it: No name given for the robot"),
+    "urdf without a name": (FIT, urdf(' name="small"', ""), "small.urdf:2: <robot> has no name; expected <robot name="),
     "urdf no screen": (
         FIT,
         {"small.urdf": URDF.replace('"screen"', '"screem"')},

@@ -74,8 +74,27 @@ def test_an_argument_may_be_used_undeclared(tmp_path: Path) -> None:
     _written(tmp_path / "part.xacro", HEAD + '<link name="$(arg tip)"/></robot>')
     path = xacro(tmp_path, '<xacro:include filename="part.xacro"/>')
     assert b'<link name="t1"/>' in read_description(path, {"tip": "t1"}).text
-    with pytest.raises(RobotError, match=r"r\.xacro: xacro: Undefined substitution argument .*tip"):
+    with pytest.raises(RobotError, match=r"r\.xacro: xacro: the argument 'tip' has no value and no default; .* --xacro-arg tip:=VALUE"):
         read_description(path)
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_a_file_of_macros_alone_is_said_to_be_one(tmp_path: Path, included: bool) -> None:
+    """Macros that nobody calls make no robot; they are named, wherever they are defined."""
+    macro = '<xacro:macro name="gripper" params="parent"><link name="palm"/></xacro:macro>'
+    _written(tmp_path / "part.xacro", f"{HEAD}{macro}</robot>")
+    path = xacro(tmp_path, '<xacro:include filename="part.xacro"/>' if included else macro)
+    with pytest.raises(RobotError, match=r"r\.xacro: only defines macros \(gripper\), .*calls <xacro:gripper \.\.\./>"):
+        read_description(path)
+
+
+def test_an_undeclared_prefix_is_kept_in_a_xacro(tmp_path: Path) -> None:
+    """What stands under <gazebo> goes through xacro as it is, in an included file's macro, too."""
+    sensor = '<gazebo><sensor:camera name="${name}"/></gazebo>'
+    _written(tmp_path / "part.xacro", f'{HEAD}<xacro:macro name="camera" params="name">{sensor}</xacro:macro></robot>')
+    text = read_description(xacro(tmp_path, '<xacro:include filename="part.xacro"/><link name="a"/><xacro:camera name="c"/>')).text
+    assert b'<sensor:camera name="c"/>' in text
+    assert b'<x:y z="2"/>' in read_description(xacro(tmp_path, '<link name="a"/><gazebo><x:y z="${1+1}"/></gazebo>')).text
 
 
 @pytest.mark.parametrize("call", ["$(find small_description)/part.xacro", "package://small_description/part.xacro"])
@@ -149,12 +168,12 @@ BROKEN = {
     '<link name="${nope}"/>': "name 'nope' is not defined",
     '<xacro:property name="a" value="${a}"/><link name="${a}"/>': "circular variable definition: a -> a",
     '<xacro:macro name="m" params=""><xacro:m/></xacro:macro><xacro:m/>': "call themselves without end",
-    '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m/>': r"Undefined parameters \[x\]",
+    '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m/>': r"Undefined parameters \[x\] \(in a call of m\)",
     '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m y="1"/>': 'Invalid parameter "y"',
     '<xacro:include filename="r.xacro"/>': "call themselves without end",
-    '<xacro:property name="n" value="${xacro.load_yaml(\'nope.yaml\')}"/><link name="${n}"/>': r"No such file or directory: .*nope\.yaml",
+    '<xacro:property name="n" value="${xacro.load_yaml(\'nope.yaml\')}"/><link name="${n}"/>': r"xacro: No such file .*nope\.yaml",
     '<link name="$(arg nope)"/>': "nope",
-    '<link name="$(env URDFCAL_NOPE)"/>': "environment variable 'URDFCAL_NOPE' is not set",
+    '<link name="$(env URDFCAL_NOPE)"/>': "xacro: environment variable 'URDFCAL_NOPE' is not set$",
     '<xacro:if value="perhaps"><link name="a"/></xacro:if>': "perhaps",
 }
 

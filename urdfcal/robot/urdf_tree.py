@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +14,12 @@ from lxml import etree
 from urdfcal.base.errors import RobotError, no_such
 from urdfcal.base.geometry import SE3, pose
 from urdfcal.robot.description import Description
+from urdfcal.robot.urdf_xml import finite_number, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
 FARTHEST = 1e6  # [m] and [rad]: a number beyond this belongs to no robot, and overflows further on
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -150,14 +149,15 @@ class _Reader:
         return RobotError(message, self.label, line)
 
     def parse(self, text: bytes) -> etree._Element:
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
         try:
-            root = etree.fromstring(text, parser)
+            root = read_xml(text)
         except etree.XMLSyntaxError as error:
             raise self.fail(f"not well-formed XML: {error.msg}", error.lineno) from None
         self.refuse_namespace(root)
         if root.tag != "robot":
             raise self.fail(f"the document is a <{root.tag}>, expected a URDF with <robot>", _line(root))
+        if not root.get("name"):
+            raise self.fail('<robot> has no name; expected <robot name="...">', _line(root))
         return root
 
     def refuse_namespace(self, root: etree._Element) -> None:
@@ -231,9 +231,10 @@ class _Reader:
         return tuple(self.near(word, f'{who}: {name}="{text}"', _line(element)) for word in words)
 
     def number(self, word: str, who: str, line: int | None) -> float:
-        if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+        value = finite_number(word)
+        if value is None:
             raise self.fail(f"{who}: '{word}' is not a finite number", line)
-        return float(word)
+        return value
 
     def near(self, word: str, who: str, line: int | None) -> float:
         value = self.number(word, who, line)
@@ -255,11 +256,8 @@ class _Reader:
         if kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         if found is None:
-            raise self.fail(
-                f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", _line(element)
-            )
-        for name in ("effort", "velocity"):
-            self.number(self.attribute(found, name, f"{who}: <limit>"), f"{who}: <limit> {name}", _line(found))
+            way_out = ", or make it continuous" if kind == "revolute" else ""
+            raise self.fail(f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity{way_out}", _line(element))
         lower, upper = (self.number(found.get(name, "0"), f"{who}: <limit> {name}", _line(found)) for name in ("lower", "upper"))
         if lower > upper:
             raise self.fail(f"{who}: its lower limit {lower:g} is above its upper limit {upper:g}", _line(found))

@@ -18,7 +18,9 @@ from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import resolve_uri
+from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
 _READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 _BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
@@ -73,7 +75,7 @@ def robot_shapes(robot: Robot) -> Shapes:
 
     Meshes are looked for as `$(find pkg)` is, or beside the description; one that is missing is warned of and replaced.
     """
-    root = etree.fromstring(robot.description.text, etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True))
+    root = read_xml(robot.description.text)
     bare, missing = _resolve_meshes(root, robot)
     warnings = [f"{len(missing)} meshes are drawn as simple shapes, the first because {missing[0]}"] if missing else []
     try:
@@ -91,8 +93,12 @@ def robot_shapes(robot: Robot) -> Shapes:
 
 
 def _sheet(robot: Robot) -> str:
-    """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way."""
-    return robot.rig.base if robot.rig.lasers else robot.screen or "screen"
+    """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way.
+
+    The empty string for a robot without lasers: what is named `screen` there is its own.
+    """
+    default = "screen" if lasers_by_name(robot.tree) else ""
+    return robot.rig.base if robot.rig.lasers else robot.screen or default
 
 
 def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
@@ -128,8 +134,7 @@ def _mesh_file(uri: str, description: Description) -> Path:
 
 
 def _from_urdf(robot: Robot, root: etree._Element) -> Any:
-    text = etree.tostring(root, encoding="unicode")
-    return pin.buildGeomFromUrdfString(robot.model, text, pin.GeometryType.VISUAL)
+    return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
 
 
 def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:
