@@ -173,7 +173,7 @@ def _positions(robot: Robot, origins: Mapping[str, SE3], base: str, tool: str, q
     model = corrected_model(
         robot.model, {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in origins.items()}
     )
-    data, frames = model.createData(), (model.getFrameId(base), model.getFrameId(tool))
+    data, frames = model.createData(), (model.getFrameId(base, pin.BODY), model.getFrameId(tool, pin.BODY))
     found = np.empty((len(q), 3))
     for pose, configuration in enumerate(q):
         pin.forwardKinematics(model, data, configuration)
