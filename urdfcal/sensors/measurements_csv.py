@@ -53,7 +53,7 @@ def read_measurements(
     table = with_our_names(read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose"), target or "")
     columns = columns_of(table, robot, reference or "", camera, boards or {})
     q = joint_positions(table, columns.robot)
-    warnings = (*columns.warnings, *limit_warnings(table, columns.robot, q))
+    warnings = (*columns.warnings, *limit_warnings(table, columns.robot))
     return Measurements(
         joints=tuple(joint.name for joint in columns.robot.chain.inputs),
         q=q,
