@@ -68,7 +68,11 @@ BAD = {
         ":1: <robot> is in the default namespace 'http://x.org', expected none; remove xmlns",
     ),
     "namespace below": (replaced("<axis", '<axis xmlns="u"'), ": <axis> is in the default namespace 'u'"),
-    "link twice": (replaced('<link name="c"/>', '<link name="c"/>\n<link name="c"/>'), ":4: link 'c' is declared twice, first on line 3"),
+    "link twice": (replaced('<link name="c"/>', '<link name="c"/>\n<link name="c"/>'), ":4: link 'c' is declared twice, first on line 3$"),
+    "screen twice": (
+        replaced('<link name="c"/>', '<link name="c"/>\n<link name="screen"/>'),
+        ":4: link 'screen' is declared twice, first on line 2; the macros of robots/slm.urdf.xacro take other names",
+    ),
     "joint twice": (GOOD.replace("</robot>", joint("j1", "c", "d") + "</robot>"), ":9: joint 'j1' is declared twice, first on line 6"),
     "link without name": (replaced('<link name="c"/>', "<link/>"), ":3: <link> has no name"),
     "joint without name": (replaced(MOUNT, '<joint type="fixed">'), ":7: <joint> has no name"),

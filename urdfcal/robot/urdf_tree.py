@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +20,7 @@ from urdfcal.robot.urdf_xml import finite_number, read_xml
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
+_OF_THE_RIG = re.compile(r"slm|screen|laser_\d+")
 FARTHEST = 1e6  # [m] and [rad]: a number beyond this belongs to no robot, and overflows further on
 
 
@@ -177,7 +179,8 @@ class _Reader:
         for element in root.findall(tag):
             name = self.attribute(element, "name", f"<{tag}>")
             if name in seen:
-                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}", _line(element))
+                way_out = "; the macros of robots/slm.urdf.xacro take other names" if tag == "link" and _OF_THE_RIG.fullmatch(name) else ""
+                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}{way_out}", _line(element))
             seen[name] = _line(element)
         return tuple(seen)
 
