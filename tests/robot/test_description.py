@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.small_robot import URDF, XACRO
 from urdfcal.base.errors import RobotError
-from urdfcal.robot.description import read_description
+from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.robot import load_robot
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
@@ -39,6 +39,24 @@ def test_xacro_is_known_by_name_or_tag(tmp_path: Path, name: str) -> None:
     assert b"xacro:" not in description.text
     assert f"Expanded from {name} by xacro".encode() in description.text
     assert str(tmp_path / name) in description.label
+
+
+STEMS = {
+    "arm7.urdf.xacro": "arm7",
+    "cell.left.urdf": "cell.left",
+    "cell.left.xacro": "cell.left",
+    "ur5e.v2.URDF": "ur5e.v2",
+    "robot.xml": "robot",
+    "robot": "robot",
+    ".urdf": ".urdf",
+    "v1.0": "v1.0",
+}
+
+
+@pytest.mark.parametrize("name", STEMS)
+def test_the_stem_is_what_tells_files_apart(name: str) -> None:
+    """Only the endings of descriptions are taken off a name, however many dots it has."""
+    assert Description(Path("folder.x") / name, b"", expanded=False).stem == STEMS[name]
 
 
 def test_xacro_of_a_plain_urdf_changes_no_joint(tmp_path: Path) -> None:

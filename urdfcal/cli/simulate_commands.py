@@ -88,6 +88,7 @@ def simulate(
     from urdfcal.calibration.reach import ScreenArea, draw_poses
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
+    from urdfcal.output.replaced import require_ours
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
     from urdfcal.simulation.readings import reading_noise, simulate_readings
@@ -98,6 +99,7 @@ def simulate(
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     require_places(output, truth_file, inputs=(robot,))
+    require_ours([truth_file])
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())

@@ -18,6 +18,7 @@ from urdfcal.robot.packages import find_package, resolve_uri
 from urdfcal.robot.xacro_faults import refuse_macros_alone, refuse_unknown_arguments, xacro_fault
 
 _XACRO_LOCK = threading.Lock()  # xacro keeps its state in module globals
+_ENDINGS = re.compile(r"(\.(xacro|urdf|xml))+$", re.IGNORECASE)
 _EXPANDED = "Expanded from {} by xacro; edit that file, not this one."
 
 
@@ -39,8 +40,8 @@ class Description:
 
     @property
     def stem(self) -> str:
-        """File name without .xacro, .urdf and the like: `arm7` for `arm7.urdf.xacro`."""
-        return self.path.name.split(".")[0] or self.path.name
+        """File name without .xacro, .urdf and .xml at its end: `arm7` for `arm7.urdf.xacro`, `cell.left` for `cell.left.urdf`."""
+        return _ENDINGS.sub("", self.path.name) or self.path.name
 
     @property
     def label(self) -> str:
