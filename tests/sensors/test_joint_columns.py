@@ -109,6 +109,20 @@ def test_a_place_outside_all_turns_is_said_in_the_header_s_unit(tmp_path: Path) 
     assert said[1].endswith("3 of 20 cells are a full turn or more outside the limits of half and taken for the same place inside")
 
 
+def test_joints_without_room_are_told_in_one_line(tmp_path: Path) -> None:
+    """Limits that are the same are said once for all joints that move all the same, and not for one that stands there."""
+    text = TURNS.replace('lower="-2" upper="2"', 'lower="0" upper="0"').replace('lower="0" upper="6.3"', 'lower="1" upper="1"')
+    text = text.replace('lower="-13" upper="13"', 'lower="0" upper="0"')
+    robot = robot_of(text).seen_by(Instruments((Target("f", "f"),), "a", placed=True), ())
+    q = INSIDE * [1, 1, 0, 1, 1]
+    table = turned_table(tmp_path, q, "rad")
+    np.testing.assert_allclose(joint_positions(table, robot), q, atol=1e-10)
+    (said,) = limit_warnings(table, robot)
+    assert said.startswith(
+        "small.urdf: lower and upper limit of half, positive are the same, which leaves no workspace; their positions are"
+    )
+
+
 BAD = {
     "missing": ("turn,lift,slid\n0,0,0", ":1: column 'slide': is missing; expected a column for each joint on the way; did you mean"),
     "word": ("turn,lift,slide\n0,up,0", ":2: column 'lift': 'up' is not a number; expected the joint's position in rad (or say [deg]"),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from urdfcal.cli.console import ProgressBar, finish, say, show
+from urdfcal.cli.console import ProgressBar, finish, say, show, warn
 from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
 from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
 
@@ -89,6 +89,7 @@ def simulate(
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
     from urdfcal.output.replaced import require_ours
+    from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
     from urdfcal.simulation.readings import reading_noise, simulate_readings
@@ -108,6 +109,9 @@ def simulate(
     if sensors:
         arm = seen_with(arm, sensors, reference or "", lasers)
     say(verbose, about(arm))
+    require_room(arm)
+    held = without_room(arm)
+    warn([f"{held}, so they stand still in all poses"] if held else [], quiet)
     model, x = truth_of(arm, errors, rng)
     if soft:
         model, x = soft_truth(arm, model, x, soft, rng)

@@ -15,6 +15,7 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, Mask, Matrix, Vector
 from urdfcal.base.tables import Table
+from urdfcal.robot.configurations import has_room
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import FARTHEST, UrdfJoint
 from urdfcal.sensors.sensor import QUANTITIES
@@ -54,15 +55,28 @@ def limit_warnings(table: Table, robot: Robot) -> Iterator[str]:
     """
     columns = [_positions(table, joint) for joint in robot.chain.inputs]
     turns = [_turns(table, joint, positions) for joint, positions in zip(robot.chain.inputs, columns, strict=True)]
+    held: list[str] = []
     for joint, positions, whole in zip(robot.chain.inputs, columns, turns, strict=True):
         outside = ~_within(joint, positions) & (whole == 0)
         _refuse_degrees(table, joint, positions, outside)
-        if outside.any():
+        if outside.any() and not has_room(joint):
+            held.append(joint.name)
+        elif outside.any():
             many = f"{outside.sum()} of {len(table)} cells lie" if outside.sum() > 1 else "a cell lies"
             limits = _told_limits(joint, _in_degrees(table, joint))
             yield str(table.fail(int(np.argmax(outside)), joint.name, f"{many} outside the joint's limits {limits}"))
+    if held:
+        yield _told_held(table, robot, held)
     if np.any(turns):
         yield _told_turns(table, robot, np.array(turns))
+
+
+def _told_held(table: Table, robot: Robot, names: list[str]) -> str:
+    """One line about joints that move though their limits leave them no room."""
+    return (
+        f"{robot.description.label}: lower and upper limit of {', '.join(names)} are the same, which leaves no workspace; their positions "
+        f"are taken as {table.path} has them, predictions are over the range of these, and no wider one is suggested"
+    )
 
 
 def _turns(table: Table, joint: UrdfJoint, positions: Vector) -> Vector:
