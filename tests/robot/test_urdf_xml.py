@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -75,4 +76,24 @@ def test_what_pinocchio_refuses_is_one_line_and_nothing_is_printed(capfd: pytest
     with pytest.raises(RobotError) as error:
         pinocchio_model(Description(description.path, b"<robot/>", expanded=False))
     assert str(error.value) == "small.urdf: Pinocchio's URDF reader refuses it: No name given for the robot."
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "visual",
+    [
+        "<geometry/>",
+        "<geometry><mesh/></geometry>",
+        '<geometry><cone radius="1"/></geometry>',
+        '<geometry><box size="a"/></geometry>',
+        '<geometry><mesh filename="bad.stl"/></geometry>',
+    ],
+)
+def test_shapes_that_cannot_be_read_are_no_harm(visual: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The robot is drawn by simple shapes; nothing is printed, and no warning names the reader's own source files."""
+    (tmp_path / "bad.stl").write_text("no mesh")
+    text = URDF.replace('<link name="tool"/>', f'<link name="tool"><visual>{visual}</visual></link>')
+    shapes = robot_shapes(robot_of(text, str(tmp_path / "r.urdf")))
+    assert "tool" in shapes.simple
+    assert not re.search(r"project|\.cpp|at line", " ".join(shapes.warnings))
     assert capfd.readouterr() == ("", "")

@@ -16,7 +16,7 @@ from urdfcal.base.errors import RobotError
 from urdfcal.robot.description import Description
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
-_OF_ITS_SOURCE = re.compile(r"\s*(at line \d+ in \S+|\(?[\w./-]+\.(cpp|hpp|hxx|h):\d+\)?:?)")  # where the reader's own code stands
+_OF_ITS_SOURCE = re.compile(r"From file: \S+ in function: .*? at line: \d+ message: |\s*at line \d+ in \S+")  # on another machine
 
 
 def pinocchio_model(description: Description) -> Any:
@@ -26,7 +26,7 @@ def pinocchio_model(description: Description) -> Any:
         RobotError: Pinocchio cannot read it, and why.
     """
     text = for_pinocchio(read_xml(description.text), shapes=False)
-    with _native_stderr() as complaints:
+    with native_stderr() as complaints:
         try:
             model = pin.buildModelFromXML(text)
         except (ValueError, RuntimeError) as error:
@@ -34,17 +34,18 @@ def pinocchio_model(description: Description) -> Any:
             model = None
     if model is None:
         said = complaints[0].replace("Error:", "").strip() or reason
-        raise RobotError(f"Pinocchio's URDF reader refuses it: {_without_its_source(said)}", description.label)
+        raise RobotError(f"Pinocchio's URDF reader refuses it: {without_its_source(said)}", description.label)
     return model
 
 
-def _without_its_source(said: str) -> str:
-    return " ".join(_OF_ITS_SOURCE.sub("", said).split())
+def without_its_source(said: str) -> str:
+    """A message of Pinocchio or what it reads with in one line, without where in their own code they raised it."""
+    return _OF_ITS_SOURCE.sub("", " ".join(said.split()))
 
 
 @contextlib.contextmanager
-def _native_stderr() -> Iterator[list[str]]:
-    """Collect what the C++ URDF reader prints straight to file descriptor 2."""
+def native_stderr() -> Iterator[list[str]]:
+    """Collect what the C++ readers print straight to file descriptor 2."""
     said = [""]
     try:
         saved = os.dup(2)

@@ -18,6 +18,7 @@ from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import resolve_uri
+from urdfcal.robot.pinocchio_model import native_stderr, without_its_source
 from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
@@ -82,7 +83,7 @@ def robot_shapes(robot: Robot) -> Shapes:
         model = _from_urdf(robot, root)
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
-        warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {' '.join(str(error).split())}"]
+        warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"]
     rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
@@ -124,6 +125,8 @@ def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[
 
 
 def _mesh_file(uri: str, description: Description) -> Path:
+    if not uri:
+        raise RobotError("a <mesh> has no filename")
     path = Path(resolve_uri(uri, description.package_dirs).removeprefix("file://"))
     path = path if path.is_absolute() else description.path.parent / path
     if not path.is_file():
@@ -134,7 +137,8 @@ def _mesh_file(uri: str, description: Description) -> Path:
 
 
 def _from_urdf(robot: Robot, root: etree._Element) -> Any:
-    return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
+    with native_stderr():  # of shapes that it passes over, and simple ones stand for
+        return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
 
 
 def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:
