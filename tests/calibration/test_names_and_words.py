@@ -55,6 +55,16 @@ def test_the_screen_that_a_joint_carries_is_still_warned_of() -> None:
     assert warnings[0].startswith("the screen 'screen' is the very link that 'pan' moves")
 
 
+@pytest.mark.parametrize("command", ["fit twin.urdf q.csv", "check twin.urdf q.csv", "dh twin.urdf", "simulate twin.urdf -o s.csv"])
+def test_where_nothing_measures_the_ways_out_are_named(command: str, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
+    """A robot without lasers, and no word of what else is measured, is not asked for a screen alone."""
+    (tmp_path / "twin.urdf").write_text(TWIN)
+    (tmp_path / "q.csv").write_text("arm,elbow,gripper,x,y,z\n0,0,0,1,2,3\n")
+    run = run_cli(*command.split())
+    assert (run.code, run.out, len(run.err.splitlines())) == (2, "", 1)
+    assert "name a link in the columns (tip.x, tip.y, tip.z) or options (dh --tip tip, simulate --sensor point:tip)" in run.err
+
+
 @pytest.mark.parametrize(("case", "words"), [("point", "measuring frame"), ("lasers and points", "screen or measuring frame")])
 def test_what_stands_elsewhere_in_a_session_is_named(case: str, words: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """Refusals about sessions speak of the screen where there is one, and of the measuring frame where there is that."""
