@@ -13,15 +13,15 @@ from urdfcal.base.geometry import DEG, Matrix
 from urdfcal.base.tables import Table, read_table
 from urdfcal.robot.rig import Instruments, Target
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.joint_columns import joint_positions, limit_warnings
+from urdfcal.sensors.joint_columns import JointColumns
 
 
 def positions(folder: Path, text: str) -> tuple[Matrix, list[str]]:
     """Positions in a table, and what is to be said of them."""
     (folder / "q.csv").write_text(text)
     table, robot = read_table(folder / "q.csv", "a column a joint", "one row a pose"), robot_of(URDF)
-    q = joint_positions(table, robot)
-    return q, list(limit_warnings(table, robot))
+    columns = JointColumns(table, robot)
+    return columns.positions, list(columns.warnings())
 
 
 def test_positions_are_in_the_order_of_the_arm_and_in_si(tmp_path: Path) -> None:
@@ -67,15 +67,15 @@ def test_a_reading_a_full_turn_away_is_taken_inside(unit: str, tmp_path: Path) -
     """From 0 to 360 and from -180 to 180 deg, in either unit, give the same positions; one line says how many cells were moved."""
     counted = INSIDE + 2 * np.pi * np.array([[1, -1, 0, 0, 0], [1, 0, 0, 0, 0], [0, -1, 0, 0, 0], [0, -1, 0, 0, 0]])
     table, robot = turned_table(tmp_path, counted, unit), turned_robot()
-    np.testing.assert_allclose(joint_positions(table, robot), INSIDE, atol=1e-10)
+    np.testing.assert_allclose(JointColumns(table, robot).positions, INSIDE, atol=1e-10)
     moved = "5 of 20 cells are a full turn or more outside the limits of half, positive and taken for the same place inside"
-    assert list(limit_warnings(table, robot)) == [f"{tmp_path}/q.csv:2: column 'half': {moved}"]
+    assert list(JointColumns(table, robot).warnings()) == [f"{tmp_path}/q.csv:2: column 'half': {moved}"]
 
 
 def test_the_nearest_turn_inside_is_taken(tmp_path: Path) -> None:
     """Limits that allow several turns leave what is inside them, and take what is outside to the nearest place inside."""
     several = np.array([[0, 3, -12.9, 0, 0], [0, 3, 12.9, 0, 0], [0, 3, 13.1, 0, 0], [0, 3, -13.1 - 2 * np.pi, 0, 0.0]])
-    q = joint_positions(turned_table(tmp_path, several, "deg"), turned_robot())
+    q = JointColumns(turned_table(tmp_path, several, "deg"), turned_robot()).positions
     np.testing.assert_allclose(q[:, 2], [-12.9, 12.9, 13.1 - 2 * np.pi, -13.1 + 2 * np.pi], atol=1e-10)
 
 
@@ -83,8 +83,8 @@ def test_continuous_and_sliding_joints_stay_where_they_are(tmp_path: Path) -> No
     """A continuous joint keeps its turns, and what a slide reads has none."""
     q = np.array([[0, 3, 0, 12.5, 0.5], [0, 3, 0, -12.5, 0.5], [0, 3, 0, 40.0, 0.5 + 2 * np.pi], [0, 3, 0, 0, 0.0]])
     table, robot = turned_table(tmp_path, q, "deg"), turned_robot()
-    np.testing.assert_allclose(joint_positions(table, robot), q, atol=1e-10)
-    said = list(limit_warnings(table, robot))
+    np.testing.assert_allclose(JointColumns(table, robot).positions, q, atol=1e-10)
+    said = list(JointColumns(table, robot).warnings())
     assert [line.split("'")[1] for line in said] == ["endless", "slide"]
     assert "outside the joint's limits -720 to 720 deg" in said[0]
 
@@ -95,7 +95,7 @@ def test_degrees_under_radians_are_not_taken_for_turns(seed: int, tmp_path: Path
     rng = np.random.default_rng(seed)
     degrees = rng.uniform([-110, 5, -700, -170, -1], [110, 350, 700, 170, 1], (40, 5))
     with pytest.raises(MeasurementError, match=r"cells lie outside the limits .* and inside them as degrees; write '\w+ \[deg\]'"):
-        list(limit_warnings(turned_table(tmp_path, degrees, "rad"), turned_robot()))
+        list(JointColumns(turned_table(tmp_path, degrees, "rad"), turned_robot()).warnings())
 
 
 def test_a_place_outside_all_turns_is_said_in_the_header_s_unit(tmp_path: Path) -> None:
@@ -103,8 +103,8 @@ def test_a_place_outside_all_turns_is_said_in_the_header_s_unit(tmp_path: Path) 
     q = INSIDE + np.array([[0.5 - 2 * np.pi, 0, 0, 0, 0]] + [[0, 0, 0, 0, 0]] * 2 + [[1.1 - 0 * np.pi, 0, 0, 0, 0]])
     q[1:3, 0] += 2 * np.pi
     table, robot = turned_table(tmp_path, q, "deg"), turned_robot()
-    np.testing.assert_allclose(joint_positions(table, robot)[:, 0], [-1.4, -0.3, 0.2, 3.0], atol=1e-10)
-    said = list(limit_warnings(table, robot))
+    np.testing.assert_allclose(JointColumns(table, robot).positions[:, 0], [-1.4, -0.3, 0.2, 3.0], atol=1e-10)
+    said = list(JointColumns(table, robot).warnings())
     assert said[0] == f"{tmp_path}/q.csv:5: column 'half': a cell lies outside the joint's limits -114.6 to 114.6 deg"
     assert said[1].endswith("3 of 20 cells are a full turn or more outside the limits of half and taken for the same place inside")
 
@@ -116,8 +116,8 @@ def test_joints_without_room_are_told_in_one_line(tmp_path: Path) -> None:
     robot = robot_of(text).seen_by(Instruments((Target("f", "f"),), "a", placed=True), ())
     q = INSIDE * [1, 1, 0, 1, 1]
     table = turned_table(tmp_path, q, "rad")
-    np.testing.assert_allclose(joint_positions(table, robot), q, atol=1e-10)
-    (said,) = limit_warnings(table, robot)
+    np.testing.assert_allclose(JointColumns(table, robot).positions, q, atol=1e-10)
+    (said,) = JointColumns(table, robot).warnings()
     assert said.startswith(
         "small.urdf: lower and upper limit of half, positive are the same, which leaves no workspace; their positions are"
     )

@@ -152,17 +152,18 @@ def render(
 def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, tuple[str, ...]]:
     """Spots and directions: those of the file where it has any, else the robot's; and what is odd about the joints' positions."""
     from urdfcal.base.tables import read_table
-    from urdfcal.sensors.joint_columns import joint_positions, limit_warnings
+    from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.sensors.measurements_csv import read_measurements
     from urdfcal.vision.render.pictures import LitSpots, nominal_spots
 
     table = read_table(poses, "a column a joint", "one row a pose")
+    joints = JointColumns(table, arm)
+    odd = tuple(joints.warnings())
     shown = _corrected(arm, calibrated) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
-        return LitSpots(data.spots, nominal_spots(arm, data.q).direction), tuple(limit_warnings(table, arm))
-    q = joint_positions(table, arm)
-    return nominal_spots(shown, q), tuple(limit_warnings(table, arm))
+        return LitSpots(data.spots, nominal_spots(arm, data.q).direction), odd
+    return nominal_spots(shown, joints.positions), odd
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:

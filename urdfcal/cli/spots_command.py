@@ -207,8 +207,9 @@ def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:
 
 def _predicted(arm: Robot, table: Table, rows: list[int]) -> tuple[Array3, tuple[str, ...]]:
     """Spots of the nominal robot in the poses' order, and what is odd about the joints' positions."""
-    from urdfcal.sensors.joint_columns import joint_positions, limit_warnings
+    from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.vision.render.pictures import nominal_spots
 
-    q = joint_positions(table, arm)[rows]
-    return nominal_spots(arm, q).spots, tuple(limit_warnings(table, arm))
+    joints = JointColumns(table, arm)
+    odd = tuple(joints.warnings())
+    return nominal_spots(arm, joints.positions[rows]).spots, odd
