@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.conftest import CliResult
 from tests.support.small_robot import XACRO
+from tests.vision.test_render import arm_camera
+from urdfcal.base.errors import UsageError
+from urdfcal.cli.fit_outputs import CORRECTED
+from urdfcal.output.calibration_yaml import sha256
+from urdfcal.output.replaced import replaced, require_ours
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import measurements_from
+from urdfcal.vision.camera.camera_file import camera_yaml
 
 Run = Callable[..., CliResult]
 FIT = ("--no-sag", "--prior", "stated")
@@ -87,3 +97,24 @@ def test_a_broken_file_of_ours_gives_way(run_cli: Run, cell: Path) -> None:
     """A calibration that can no longer be read is replaced, and that is said."""
     (cell / "cell.left_calibration.yaml").write_text("# Calibration by urdfcal\njoints: [")
     assert "which cannot be read, is replaced" in fitted(run_cli, "cell.left.urdf.xacro", "a.csv")
+
+
+def test_a_lens_is_no_camera_that_a_fit_has_corrected(tmp_path: Path) -> None:
+    """A camera of urdfcal's own is spared where a fit would write the corrected one, and the corrected one gives way to the next."""
+    place = tmp_path / "cell_camera.yaml"
+    require_ours([place], CORRECTED)
+    place.write_bytes(camera_yaml(arm_camera(), {"urdfcal": "1"}))
+    with pytest.raises(UsageError, match=r"cell_camera\.yaml: is there already"):
+        require_ours([place], CORRECTED)
+    place.write_bytes(camera_yaml(arm_camera(), {"urdfcal": "1", CORRECTED.decode(): "0"}))
+    require_ours([place], CORRECTED)
+
+
+def test_a_calibration_of_arrays_is_named_without_a_file(robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:
+    """Measurements that came from no file are other ones all the same."""
+    robot = robots["arm7"]
+    data = measurements_from(robot, rng.normal(size=(3, 7)), rng.normal(size=(3, 2, 2)))
+    (tmp_path / "c.yaml").write_text(f"robot: {{sha256: {sha256(robot.description.text)}}}\nmeasurements: {{poses: 9}}\n")
+    assert replaced(tmp_path / "c.yaml", robot, data) == ()
+    (said,) = replaced(tmp_path / "c.yaml", robot, dataclasses.replace(data, sha256="1", source="m.csv"))
+    assert said == f"{tmp_path}/c.yaml, a calibration from other measurements, is replaced, and what stands beside it; -o OUT keeps both"

@@ -55,13 +55,19 @@ def _other_robot(before: dict[str, Any], robot: Robot) -> list[str]:
     if before.get("sha256") == sha256(robot.description.text):
         return []
     same = before.get("file") == str(robot.description.path)
-    return [f"of another robot ({before.get('name')}, {before.get('file')}{' as it was, or with other xacro arguments' if same else ''})"]
+    return [f"of another robot{_told(before, ' as it was, or with other xacro arguments' if same else '')}"]
 
 
 def _other_measurements(before: dict[str, Any], data: Measurements) -> list[str]:
-    if before.get("sha256") == data.sha256:
+    if before.get("sha256", "") == data.sha256:
         return []
-    return [f"from other measurements ({before.get('file')}{' as it was' if before.get('file') == data.source else ''})"]
+    return [f"from other measurements{_told(before, ' as it was' if before.get('file') == data.source else '')}"]
+
+
+def _told(before: dict[str, Any], behind: str) -> str:
+    """` (NAME, FILE ...)` as far as they are known."""
+    known = ", ".join(str(before[name]) for name in ("name", "file") if name in before)
+    return f" ({known}{behind})" if known else ""
 
 
 def _entry(content: dict[str, Any], name: str) -> dict[str, Any]:
