@@ -54,7 +54,7 @@ def test_the_file_that_the_description_was_made_with_is_taken_without_a_word(tmp
     assert yaml.safe_load(content)["kinematics"]["hash"] == HASH
 
 
-@pytest.mark.parametrize(("mm", "mrad"), [(0.02, 0), (0, 0.02), (3, 5), (25, 40)])
+@pytest.mark.parametrize(("mm", "mrad"), [(0.02, 0), (0, 0.02), (3, 17), (8, 40)])
 def test_another_calibration_s_file_is_warned_of(mm: float, mrad: float, tmp_path: Path) -> None:
     """Where the description was not made with the file, how far apart the two are is said; nothing is refused."""
     robot = ur_robot()
