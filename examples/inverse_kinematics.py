@@ -109,7 +109,7 @@ class SoftArm:
 
     def T_base_tool(self, q: Vector) -> Any:
         """Where a tool that is fixed to the module stands."""
-        rigid = Arm(self.rigid.model, self.rigid.base, self.rigid.model.getFrameId(self.robot.rig.tip))
+        rigid = Arm(self.rigid.model, self.rigid.base, self.rigid.model.getFrameId(self.robot.rig.tip, pin.BODY))
         T_module_tool = rigid.T_base_tool(q).actInv(self.rigid.T_base_tool(q))
         return self.T_screen_module(self.rigid.readings(self.robot, q)) * T_module_tool
 
@@ -122,7 +122,7 @@ def arm_of(robot: urdfcal.Robot, model: Any, tool: str) -> Arm:
     wanted = [step.joint.name for step in robot.chain.moving]
     locked = [model.getJointId(name) for name in model.names[1:] if name not in wanted]
     reduced = pin.buildReducedModel(model, locked, pin.neutral(model))
-    return Arm(reduced, reduced.getFrameId(robot.rig.base), reduced.getFrameId(tool))
+    return Arm(reduced, reduced.getFrameId(robot.rig.base, pin.BODY), reduced.getFrameId(tool, pin.BODY))
 
 
 def clik(arm: Arm, T_world_target: Any, q: Vector) -> Vector | None:

@@ -118,7 +118,7 @@ def test_bad_entries_are_refused(case: str, tmp_path: Path) -> None:
 def test_names_that_mean_nothing_to_the_robot_are_refused(tmp_path: Path) -> None:
     """A joint or parameter that the robot does not have is refused with those that it has."""
     robot = robot_of(URDF)
-    with pytest.raises(RigError, match="error_models: no joint 'elbow' on the way from screen to lasers; there are: turn, lift, slide"):
+    with pytest.raises(RigError, match="error_models: no joint 'elbow' that is calibrated; there are: turn, lift, slide"):
         build_error_model(robot.chain, robot.rig, read(tmp_path, "error_models: {elbow: dh}").options())
     with pytest.raises(UsageError, match=r"no parameter matches 'lift\.d_alfa'; did you mean 'lift\.d_alpha'"):
         build_error_model(robot.chain, robot.rig, read(tmp_path, "parameters: {lift.d_alfa: {fixed: true}}").options())

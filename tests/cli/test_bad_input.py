@@ -60,7 +60,7 @@ URDFS = {
         urdf("<robot", '<robot xmlns="u"'),
         "small.urdf:2: <robot> is in the default namespace 'u', expected none; remove xmlns",
     ),
-    "urdf without a name": (FIT, urdf(' name="small"', ""), "small.urdf: Pinocchio's URDF reader refuses it: No name given for the robot"),
+    "urdf without a name": (FIT, urdf(' name="small"', ""), "small.urdf:2: <robot> has no name; expected <robot name="),
     "urdf no screen": (
         FIT,
         {"small.urdf": URDF.replace('"screen"', '"screem"')},
@@ -197,7 +197,7 @@ YAMLS = {
     "rig joint": (
         RIG,
         {"rig.yaml": "error_models: {elbow: dh}"},
-        "error_models: no joint 'elbow' on the way from screen to lasers; there are: turn, lift, slide",
+        "error_models: no joint 'elbow' that is calibrated; there are: turn, lift, slide",
     ),
     "rig noise of no joint": (RIG, {"rig.yaml": "noise: {joints_deg: {elbow: 1}}"}, "no joint named 'elbow' among 3 joints"),
     "rig prior": (RIG, {"rig.yaml": "priors: {joint: 1}"}, "rig.yaml:1: entry 'priors.joint': Input should be a valid string, found 1"),

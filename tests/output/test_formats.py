@@ -17,9 +17,9 @@ from tests.robot.test_urdf_writer import random_corrections
 from tests.support.helpers import assert_poses_close
 from tests.support.paths import ROBOTS_DIR
 from tests.support.small_robot import URDF, joint, robot_of
-from urdfcal.base.errors import InputError, RobotError, UsageError
+from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.geometry import SE3
-from urdfcal.output.driver_yaml import UR_JOINTS, origins_yaml, read_ur_hash, ur_joints, ur_yaml
+from urdfcal.output.driver_yaml import UR_JOINTS, origins_yaml, ur_joints, ur_yaml
 from urdfcal.output.formats import Deployed, deployment, stem_of
 from urdfcal.output.joint_offsets import configurations, joint_offset, joint_offsets, offset_loss
 from urdfcal.robot.robot import Robot, load_robot, robot_from
@@ -132,18 +132,12 @@ def test_what_is_no_ur_is_refused(robots: dict[str, Robot]) -> None:
         ur_joints(five, ["a_elbow_joint"])
 
 
-def test_no_hash_is_invented(tmp_path: Path, rng: np.random.Generator) -> None:
-    """There is a hash where one is given, read from the robot's own file, and none otherwise."""
+def test_no_hash_is_invented(rng: np.random.Generator) -> None:
+    """There is a hash where one is given, and none otherwise."""
     robot = ur_robot()
     origins = corrected(robot, rng, ["elbow_joint"])
     assert "hash" not in yaml.safe_load(ur_yaml(robot, origins))["kinematics"]
-    (tmp_path / "own.yaml").write_text("kinematics:\n  shoulder: {x: 0}\n  hash: calib_12788084448423163542\n")
-    found = read_ur_hash(tmp_path / "own.yaml")
-    assert yaml.safe_load(ur_yaml(robot, origins, found))["kinematics"]["hash"] == "calib_12788084448423163542"
-    for text in ("kinematics: {}", "[1]", "kinematics: {hash: 3}", ""):
-        (tmp_path / "other.yaml").write_text(text)
-        with pytest.raises(InputError, match=r"other\.yaml: has no entry kinematics: hash"):
-            read_ur_hash(tmp_path / "other.yaml")
+    assert yaml.safe_load(ur_yaml(robot, origins, "calib_12788084448423163542"))["kinematics"]["hash"] == "calib_12788084448423163542"
 
 
 def test_frames_of_an_older_ur_description_are_told(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -7,7 +7,9 @@ import pinocchio as pin
 import pytest
 
 from tests.support.small_robot import joint, robot_of, robot_text
-from urdfcal.robot.configurations import WholeRobot, whole_configurations
+from urdfcal.base.errors import UsageError
+from urdfcal.robot.configurations import WholeRobot, joint_limits, require_room, whole_configurations, without_room
+from urdfcal.robot.rig import Instruments, Target
 from urdfcal.robot.robot import Robot
 
 CHAINED = robot_text(
@@ -53,3 +55,34 @@ def test_positions_of_a_follower_say_nothing(rng: np.random.Generator) -> None:
     q = rng.uniform(-2, 2, (3, 1))
     both = WholeRobot(robot, ["one", "two"]).configurations(np.column_stack([q, np.full(3, 9.0)]))
     np.testing.assert_array_equal(both, WholeRobot(robot, ["one"]).configurations(q))
+
+
+HELD = robot_text(
+    joint("one", "a", "b", '<axis xyz="0 0 1"/>').replace("-9", "0.5").replace('"9"', '"0.5"'),
+    joint("two", "b", "c", '<axis xyz="0 1 0"/>').replace("-9", "-1").replace('"9"', '"2"'),
+    joint("three", "c", "d", kind="continuous"),
+    joint("slide", "d", "e", kind="prismatic").replace("-9", "0").replace('"9"', '"0"'),
+    links="a b c d e",
+)
+
+
+def seen(text: str) -> Robot:
+    return robot_of(text).seen_by(Instruments((Target("e", "e"),), placed=True), ())
+
+
+def test_a_measured_range_stands_for_limits_that_leave_no_room(rng: np.random.Generator) -> None:
+    """Only joints whose limits are the same get the range that was measured; without measurements all keep their limits."""
+    robot, q = seen(HELD), rng.uniform(-3, 3, (20, 4))
+    np.testing.assert_array_equal(joint_limits(robot).T, [[0.5, 0.5], [-1, 2], [-np.pi, np.pi], [0, 0]])
+    measured = [[q[:, 0].min(), q[:, 0].max()], [-1, 2], [-np.pi, np.pi], [q[:, 3].min(), q[:, 3].max()]]
+    np.testing.assert_array_equal(joint_limits(robot, q).T, measured)
+    np.testing.assert_array_equal(joint_limits(robot, q[:0]), joint_limits(robot))
+
+
+def test_no_room_at_all_is_refused() -> None:
+    """A robot in which something moves is drawn; one in which nothing does is refused with the joints' names and the way out."""
+    require_room(seen(HELD))
+    assert without_room(seen(HELD)) == "lower and upper limit of one, slide are the same"
+    still = HELD.replace('lower="-1" upper="2"', 'lower="0" upper="0"').replace('type="continuous"', 'type="fixed"')
+    with pytest.raises(UsageError, match=r"small\.urdf: lower and upper limit of one, two, slide are the same, which leaves no workspace"):
+        require_room(seen(still))

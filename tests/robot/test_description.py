@@ -8,7 +8,7 @@ import pytest
 
 from tests.support.small_robot import URDF, XACRO
 from urdfcal.base.errors import RobotError
-from urdfcal.robot.description import read_description
+from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.robot import load_robot
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
@@ -39,6 +39,24 @@ def test_xacro_is_known_by_name_or_tag(tmp_path: Path, name: str) -> None:
     assert b"xacro:" not in description.text
     assert f"Expanded from {name} by xacro".encode() in description.text
     assert str(tmp_path / name) in description.label
+
+
+STEMS = {
+    "arm7.urdf.xacro": "arm7",
+    "cell.left.urdf": "cell.left",
+    "cell.left.xacro": "cell.left",
+    "ur5e.v2.URDF": "ur5e.v2",
+    "robot.xml": "robot",
+    "robot": "robot",
+    ".urdf": ".urdf",
+    "v1.0": "v1.0",
+}
+
+
+@pytest.mark.parametrize("name", STEMS)
+def test_the_stem_is_what_tells_files_apart(name: str) -> None:
+    """Only the endings of descriptions are taken off a name, however many dots it has."""
+    assert Description(Path("folder.x") / name, b"", expanded=False).stem == STEMS[name]
 
 
 def test_xacro_of_a_plain_urdf_changes_no_joint(tmp_path: Path) -> None:
@@ -74,8 +92,27 @@ def test_an_argument_may_be_used_undeclared(tmp_path: Path) -> None:
     _written(tmp_path / "part.xacro", HEAD + '<link name="$(arg tip)"/></robot>')
     path = xacro(tmp_path, '<xacro:include filename="part.xacro"/>')
     assert b'<link name="t1"/>' in read_description(path, {"tip": "t1"}).text
-    with pytest.raises(RobotError, match=r"r\.xacro: xacro: Undefined substitution argument .*tip"):
+    with pytest.raises(RobotError, match=r"r\.xacro: xacro: the argument 'tip' has no value and no default; .* --xacro-arg tip:=VALUE"):
         read_description(path)
+
+
+@pytest.mark.parametrize("included", [False, True])
+def test_a_file_of_macros_alone_is_said_to_be_one(tmp_path: Path, included: bool) -> None:
+    """Macros that nobody calls make no robot; they are named, wherever they are defined."""
+    macro = '<xacro:macro name="gripper" params="parent"><link name="palm"/></xacro:macro>'
+    _written(tmp_path / "part.xacro", f"{HEAD}{macro}</robot>")
+    path = xacro(tmp_path, '<xacro:include filename="part.xacro"/>' if included else macro)
+    with pytest.raises(RobotError, match=r"r\.xacro: only defines macros \(gripper\), .*calls <xacro:gripper \.\.\./>"):
+        read_description(path)
+
+
+def test_an_undeclared_prefix_is_kept_in_a_xacro(tmp_path: Path) -> None:
+    """What stands under <gazebo> goes through xacro as it is, in an included file's macro, too."""
+    sensor = '<gazebo><sensor:camera name="${name}"/></gazebo>'
+    _written(tmp_path / "part.xacro", f'{HEAD}<xacro:macro name="camera" params="name">{sensor}</xacro:macro></robot>')
+    text = read_description(xacro(tmp_path, '<xacro:include filename="part.xacro"/><link name="a"/><xacro:camera name="c"/>')).text
+    assert b'<sensor:camera name="c"/>' in text
+    assert b'<x:y z="2"/>' in read_description(xacro(tmp_path, '<link name="a"/><gazebo><x:y z="${1+1}"/></gazebo>')).text
 
 
 @pytest.mark.parametrize("call", ["$(find small_description)/part.xacro", "package://small_description/part.xacro"])
@@ -149,12 +186,12 @@ BROKEN = {
     '<link name="${nope}"/>': "name 'nope' is not defined",
     '<xacro:property name="a" value="${a}"/><link name="${a}"/>': "circular variable definition: a -> a",
     '<xacro:macro name="m" params=""><xacro:m/></xacro:macro><xacro:m/>': "call themselves without end",
-    '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m/>': r"Undefined parameters \[x\]",
+    '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m/>': r"Undefined parameters \[x\] \(in a call of m\)",
     '<xacro:macro name="m" params="x"><link name="${x}"/></xacro:macro><xacro:m y="1"/>': 'Invalid parameter "y"',
     '<xacro:include filename="r.xacro"/>': "call themselves without end",
-    '<xacro:property name="n" value="${xacro.load_yaml(\'nope.yaml\')}"/><link name="${n}"/>': r"No such file or directory: .*nope\.yaml",
+    '<xacro:property name="n" value="${xacro.load_yaml(\'nope.yaml\')}"/><link name="${n}"/>': r"xacro: No such file .*nope\.yaml",
     '<link name="$(arg nope)"/>': "nope",
-    '<link name="$(env URDFCAL_NOPE)"/>': "environment variable 'URDFCAL_NOPE' is not set",
+    '<link name="$(env URDFCAL_NOPE)"/>': "xacro: environment variable 'URDFCAL_NOPE' is not set$",
     '<xacro:if value="perhaps"><link name="a"/></xacro:if>': "perhaps",
 }
 

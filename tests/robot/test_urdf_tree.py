@@ -68,7 +68,11 @@ BAD = {
         ":1: <robot> is in the default namespace 'http://x.org', expected none; remove xmlns",
     ),
     "namespace below": (replaced("<axis", '<axis xmlns="u"'), ": <axis> is in the default namespace 'u'"),
-    "link twice": (replaced('<link name="c"/>', '<link name="c"/>\n<link name="c"/>'), ":4: link 'c' is declared twice, first on line 3"),
+    "link twice": (replaced('<link name="c"/>', '<link name="c"/>\n<link name="c"/>'), ":4: link 'c' is declared twice, first on line 3$"),
+    "screen twice": (
+        replaced('<link name="c"/>', '<link name="c"/>\n<link name="screen"/>'),
+        ":4: link 'screen' is declared twice, first on line 2; the macros of robots/slm.urdf.xacro take other names",
+    ),
     "joint twice": (GOOD.replace("</robot>", joint("j1", "c", "d") + "</robot>"), ":9: joint 'j1' is declared twice, first on line 6"),
     "link without name": (replaced('<link name="c"/>', "<link/>"), ":3: <link> has no name"),
     "joint without name": (replaced(MOUNT, '<joint type="fixed">'), ":7: <joint> has no name"),
@@ -94,7 +98,11 @@ BAD = {
         re.sub("<limit.*?/>", "", GOOD),
         ":6: joint 'j1' is revolute and has no <limit>; add lower, upper, effort and velocity, or make it continuous",
     ),
-    "no effort": (replaced('effort="1"', ""), ":6: joint 'j1': <limit> has no effort"),
+    "no limit of a slide": (
+        re.sub("<limit.*?/>", "", GOOD).replace("revolute", "prismatic"),
+        ":6: joint 'j1' is prismatic and has no <limit>; add lower, upper, effort and velocity$",
+    ),
+    "no name": (replaced('<robot name="r">', "<robot>"), ':1: <robot> has no name; expected <robot name="...">'),
     "limit no number": (replaced('lower="-9"', 'lower="-90deg"'), ":6: joint 'j1': <limit> lower: '-90deg' is not a finite number"),
     "limits crossed": (replaced('lower="-9"', 'lower="10"'), ":6: joint 'j1': its lower limit 10 is above its upper limit 9"),
     "two parents": (
@@ -133,7 +141,7 @@ def test_what_is_no_robot_is_refused(case: str) -> None:
     with pytest.raises(RobotError) as error:
         robot_of(text, "r.urdf")
     assert str(error.value).startswith("r.urdf:")
-    assert message in str(error.value)
+    assert message in f"{error.value}$"
 
 
 def test_the_nearest_link_is_named() -> None:

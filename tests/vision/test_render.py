@@ -165,7 +165,22 @@ def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callab
     assert "5 of 5 spots are under 1 px wide" in done.err
 
 
+def test_positions_a_full_turn_away_are_rendered_where_they_are(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
+    """Poses counted from 0 to 360 deg show the spots that the same poses show, with one warning."""
+    run_cli("simulate", ARM, "-o", "m.csv", "--poses", "3", "--spot-noise-mm", "0")
+    q = np.genfromtxt(tmp_path / "m.csv", delimiter=",", skip_header=5)[:, 1:8]
+    truth = {}
+    for name, angles in (("same", np.degrees(q)), ("counted", np.degrees(q) % 360)):
+        head = ",".join(f"joint{k} [deg]" for k in range(1, 8))
+        np.savetxt(tmp_path / f"{name}.csv", angles, fmt="%.12g", delimiter=",", header=head, comments="")
+        done = run_cli("render", ARM, f"{name}.csv", "-o", name)
+        assert (done.code, "a full turn or more outside the limits" in done.err) == (0, name == "counted"), done.err
+        truth[name] = np.genfromtxt(tmp_path / name / "truth.csv", delimiter=",", skip_header=2)
+    np.testing.assert_allclose(truth["same"], truth["counted"], atol=1e-9)
+
+
 BAD = {
+    "degrees": (("render", ARM, "deg.csv", "-o", "pics"), "deg.csv:2: column 'joint2': 1 of 1 cells lie outside the limits"),
     "no spot": (("render", ARM, "off.csv", "-o", "pics"), "no beam meets the screen in these poses"),
     "no camera": (("render", ARM, "m.csv", "--camera", "none.yaml", "-o", "pics"), "none.yaml: cannot be read"),
     "no poses": (("render", ARM, "none.csv", "--camera", "camera.yaml", "-o", "pics"), "none.csv: cannot be read"),
@@ -231,7 +246,8 @@ def test_bad_input_is_one_line(words: tuple[str | Path, ...], said: str, tmp_pat
     (tmp_path / "q.csv").write_text("pose,q\na,1\n")
     (tmp_path / "image.csv").write_text("image,q\nother.png,1\n")
     (tmp_path / "m.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na" + ",0" * 7 + "\n")
-    (tmp_path / "off.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na,3.1" + ",0" * 6 + "\n")
+    (tmp_path / "deg.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na,0,30" + ",0" * 5 + "\n")
+    (tmp_path / "off.csv").write_text("pose," + ",".join(f"joint{k}" for k in range(1, 8)) + "\na,-3.1" + ",0" * 6 + "\n")
     before = sorted(tmp_path.rglob("*"))
     done = run_cli(*words)
     assert (done.code, done.err.count("\n")) == (2, 1), done.err

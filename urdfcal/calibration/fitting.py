@@ -39,7 +39,14 @@ from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, in_pixels, require_screen_of_camera
+from urdfcal.sensors.measurements import (
+    Measurements,
+    as_measured,
+    fit_and_test,
+    in_pixels,
+    placed_by_session,
+    require_screen_of_camera,
+)
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
@@ -132,13 +139,14 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     """The same calibration with the distances of test poses.
 
     Raises:
-        UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown, or was measured with
-            other instruments.
+        UsageError: a test pose belongs to a session that was not fitted, so that the placement of its screen or measuring frame is
+            unknown, or was measured with other instruments.
     """
     unknown = set(test.session_names) - set(calibration.errors.sessions)
     if unknown:
         raise UsageError(
-            f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so its screen's placement is unknown"
+            f"test poses of session {', '.join(sorted(unknown))}: no pose of it was fitted, so where its {placed_by_session(test)} stands "
+            "is unknown"
         )
     _require_same_instruments(calibration, test)
     test = widened(test, calibration.extra_noise)
@@ -169,9 +177,13 @@ def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> N
 def _require_same_robot(robot: Robot, data: Measurements) -> None:
     if data.joints != robot.chain.input_names or data.lasers != robot.rig.lasers:
         raise ShapeMismatch(
-            f"the measurements are of joints {', '.join(data.joints)} and lasers {', '.join(data.lasers)}, "
-            f"the robot has {', '.join(robot.chain.input_names)} and {', '.join(robot.rig.lasers)}"
+            f"the measurements are of {_joints_and_lasers(data.joints, data.lasers)}, "
+            f"the robot has {_joints_and_lasers(robot.chain.input_names, robot.rig.lasers)}"
         )
+
+
+def _joints_and_lasers(joints: Sequence[str], lasers: Sequence[str]) -> str:
+    return f"joints {', '.join(joints)}" + (f" and lasers {', '.join(lasers)}" if lasers else "")
 
 
 def _require_same_instruments(calibration: FitResult, test: Measurements) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.spots import Beams, beams_at
@@ -40,7 +40,7 @@ def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurement
         inside = ((beams.spots >= corners[0]) & (beams.spots <= corners[1])).all(axis=-1)
         return np.asarray((inside & beams.makes_spot()).all(axis=1))
 
-    return _drawn(errors, x, joint_limits(robot), poses, rng, in_view, _MOST_LOOKS)[0]
+    return _drawn(errors, x, joint_limits(robot, seen.q), poses, rng, in_view, _MOST_LOOKS)[0]
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,10 @@ def draw_poses(
         (poses, inputs), [rad] or [m].
 
     Raises:
-        UsageError: such positions are too rare.
+        UsageError: such positions are too rare, or the limits leave no room.
     """
+    if limits is None:
+        require_room(robot)
     where, most = area or ScreenArea(), max(_MOST_DRAWS, int(poses / _LEAST_SHARE))
 
     def on_screen(beams: Beams) -> Mask:

@@ -39,6 +39,7 @@ def apply(
 
     from urdfcal.base.files import write_together
     from urdfcal.output.formats import Deployed, deployment
+    from urdfcal.output.replaced import require_ours
     from urdfcal.output.stored import read_calibration
 
     arm = load(robot, xacro_arg, package_dir, screen, laser)
@@ -46,6 +47,7 @@ def apply(
         say(verbose, about(arm))
     plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
+    require_ours(place for name, place in plan.places.items() if name != "urdf" and place != output)
     stored = read_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)
     origins, missing = stored.origins_for(arm, force)

@@ -192,6 +192,7 @@ def fit(
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     outputs = replace(outputs, camera=in_pixels(data))
     require_places(*outputs.places.values(), inputs=inputs)
+    outputs.require_free(output)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:

@@ -17,12 +17,15 @@ from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
 from urdfcal.model.softness import EXTRAS
 from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.formats import Deployment, deployment
+from urdfcal.output.replaced import replaced, require_ours
 from urdfcal.output.report.files import report_bytes, require_report_ending
 
 if TYPE_CHECKING:
     from urdfcal.api import Calibration
     from urdfcal.calibration.analysis.sag import SagFit
     from urdfcal.output.text.result import Extras
+
+CORRECTED = b"calibration_sha256"  # in a camera's file that a fit has written
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,19 @@ class Outputs:
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
         )
 
+    def require_free(self, stated: Path | None) -> None:
+        """Refuse to replace what urdfcal has not written, under names that nobody stated; a URDF has its robot's bytes, and no mark.
+
+        Args:
+            stated: What `-o` says.
+
+        Raises:
+            UsageError: names the first of them.
+        """
+        derived = {name: place for name, place in self.places.items() if place not in (stated, *self.reports, self.compensation)}
+        require_ours(place for name, place in derived.items() if name not in ("urdf", "camera"))
+        require_ours([derived["camera"]] if "camera" in derived else [], CORRECTED)
+
     def contents(
         self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
     ) -> tuple[dict[str | Path, bytes], list[str]]:
@@ -72,14 +88,14 @@ class Outputs:
                 )
             urdf, text = sag.files(places["compensated_urdf"].name)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
-        return files, list(deployed.warnings(self.plan))
+        return files, [*deployed.warnings(self.plan), *replaced(places["calibration"], calibration.robot, calibration.data)]
 
 
 def _camera_file(calibration: Calibration, record: bytes) -> bytes:
     """The corrected camera, with the hash of the calibration that it goes with."""
     from urdfcal.vision.camera.camera_file import camera_yaml
 
-    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, "calibration_sha256": sha256(record)})
+    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, CORRECTED.decode(): sha256(record)})
 
 
 def planned(

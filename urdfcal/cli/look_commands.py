@@ -179,7 +179,8 @@ def dh(
         raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     if tip is not None:
-        arm = arm.seen_by(Instruments((InstrumentTarget(tip, tip, SIX),), reference or "", True), ())
+        label = f"{tip}:tip" if tip in arm.tree.joints else tip  # a joint of that name has parameters of its own
+        arm = arm.seen_by(Instruments((InstrumentTarget(label, tip, SIX),), reference or "", True), ())
     say(verbose, about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:

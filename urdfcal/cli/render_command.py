@@ -102,7 +102,7 @@ def render(
             raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
     diameter = (positive("--spot-mm", spot_mm) or 4.0) * 1e-3
     look = Beam(words[0], diameter / 4, positive("--brightness", brightness) or 0.9, halo)
-    meant, side = _beams(arm, poses, calibrated), positive("--screen-size-m", screen_size_m)
+    (meant, odd), side = _beams(arm, poses, calibrated), positive("--screen-size-m", screen_size_m)
     beams = meant.within(side) if side else meant
     layout = read_screen_markers(markers) if markers else None
     view = usual_camera(beams.spots.reshape(-1, 2), _corners(layout)) if camera is None else read_camera(camera)
@@ -140,7 +140,7 @@ def render(
             advance()
     write_whole(output / "truth.csv", truth_csv(names, arm.rig.lasers, view, beams, shown))
     count = int(np.sum(shown))
-    warn([*_unshown(meant, beams, view, count), *_too_small(beams, view, diameter)], quiet)
+    warn([*odd, *_unshown(meant, beams, view, count), *_too_small(beams, view, diameter)], quiet)
     beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
     finish(
         {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
@@ -149,19 +149,21 @@ def render(
     )
 
 
-def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> LitSpots:
-    """Spots and directions: those of the file where it has any, else the robot's."""
+def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, tuple[str, ...]]:
+    """Spots and directions: those of the file where it has any, else the robot's; and what is odd about the joints' positions."""
     from urdfcal.base.tables import read_table
-    from urdfcal.sensors.joint_columns import joint_positions
+    from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.sensors.measurements_csv import read_measurements
     from urdfcal.vision.render.pictures import LitSpots, nominal_spots
 
     table = read_table(poses, "a column a joint", "one row a pose")
+    joints = JointColumns(table, arm)
+    odd = tuple(joints.warnings())
     shown = _corrected(arm, calibrated) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
-        return LitSpots(data.spots, nominal_spots(arm, data.q).direction)
-    return nominal_spots(shown, joint_positions(table, arm))
+        return LitSpots(data.spots, nominal_spots(arm, data.q).direction), odd
+    return nominal_spots(shown, joints.positions), odd
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from urdfcal.cli.console import ProgressBar, finish, say, show
+from urdfcal.cli.console import ProgressBar, finish, say, show, warn
 from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
 from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
 
@@ -106,6 +106,8 @@ def simulate(
     from urdfcal.calibration.reach import ScreenArea, draw_poses
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
+    from urdfcal.output.replaced import require_ours
+    from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
     from urdfcal.simulation.readings import reading_noise, simulate_readings
@@ -116,6 +118,7 @@ def simulate(
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     require_places(output, truth_file, inputs=(robot,))
+    require_ours([truth_file])
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
@@ -124,6 +127,9 @@ def simulate(
     if sensors:
         arm = seen_with(arm, sensors, reference or "", lasers)
     say(verbose, about(arm))
+    require_room(arm)
+    held = without_room(arm)
+    warn([f"{held}, so they stand still in all poses"] if held else [], quiet)
     model, x = truth_of(arm, errors, rng)
     if soft:
         model, x = soft_truth(arm, model, x, soft, rng)

@@ -120,7 +120,7 @@ def spots(
         half / 2 if half else None,
         still,
     )
-    predicted = _predicted(arm, table, rows) if arm and table and view else None
+    predicted, odd = _predicted(arm, table, rows) if arm and table and view else (None, ())
     with ProgressBar("looking", len(files), quiet or as_json) as advance:
         found = spots_of(search, groups, predicted, advance)
     if arm and view is None and order is None and found.labelled.ordered and any(found.labelled.spots):
@@ -145,7 +145,7 @@ def spots(
         debug.mkdir(exist_ok=True)
         written |= found.drawings(groups, debug)
     write_together(written)
-    warn([*([by_order] if by_order else []), *found.warnings], quiet)
+    warn([*odd, *([by_order] if by_order else []), *found.warnings], quiet)
     counts = {name: sum(name in seen for seen in found.labelled.spots) for name in names}
     say(
         verbose,
@@ -205,9 +205,11 @@ def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:
     return words
 
 
-def _predicted(arm: Robot, table: Table, rows: list[int]) -> Array3:
-    """Spots of the nominal robot in the poses' order."""
-    from urdfcal.sensors.joint_columns import joint_positions
+def _predicted(arm: Robot, table: Table, rows: list[int]) -> tuple[Array3, tuple[str, ...]]:
+    """Spots of the nominal robot in the poses' order, and what is odd about the joints' positions."""
+    from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.vision.render.pictures import nominal_spots
 
-    return nominal_spots(arm, joint_positions(table, arm)[rows]).spots
+    joints = JointColumns(table, arm)
+    odd = tuple(joints.warnings())
+    return nominal_spots(arm, joints.positions[rows]).spots, odd

@@ -155,7 +155,7 @@ def _check_joints(chain: Chain, per_joint: Mapping[str, str]) -> None:
     known = [step.joint.name for step in chain.moving]
     for name in per_joint:
         if name not in known:
-            raise RigError(f"error_models: no joint '{name}' on the way from screen to lasers; there are: {', '.join(known)}")
+            raise RigError(f"error_models: no joint '{name}' that is calibrated; there are: {', '.join(known)}")
 
 
 def of_these_poses(chain: Chain, rig: Rig, options: ModelOptions, sessions: Sequence[str]) -> ModelOptions:
@@ -173,7 +173,9 @@ def of_these_poses(chain: Chain, rig: Rig, options: ModelOptions, sessions: Sequ
 def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> tuple[str, ...]:
     """What the chosen error model cannot follow on this robot."""
     if options.error_model == "dh":
-        return (*_mount_warning(robot), *_parallel_warning(robot))
+        return (*(_mount_warning(robot) if robot.rig.lasers else ()), *_parallel_warning(robot))
+    if not robot.rig.lasers:  # nor a screen
+        return ()
     first = robot.chain.steps[0]
     if first.joint.moves and not first.forward:
         return (

@@ -97,7 +97,7 @@ def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str
     per_joint = per_joint or {}
     rows = _AxisTables(chain)
     joints = [_joint_slot(step.joint, per_joint.get(step.joint.name, model), rows) for step in chain.moving]
-    instruments = _frame_slots(rig)
+    instruments = _frame_slots(chain, rig)
     if not rig.lasers:
         return (*joints, *instruments)
     slots = [_screen_slot(chain, rig), *joints, *instruments]
@@ -113,10 +113,11 @@ def _mount_slot(chain: Chain, rig: Rig, names: tuple[str, ...], screws: Matrix) 
     return Slot(rig.tip, "mount", names, screws, firsts, before=True)
 
 
-def _frame_slots(rig: Rig) -> list[Slot]:
+def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
     """The placement of the measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
-    own = f"{seen.reference}:frame" if rig.lasers and seen.reference == rig.base else seen.reference  # the screen has that name already
+    taken = {step.joint.name for step in chain.moving} | ({rig.base} if rig.lasers else set())  # by joints and the screen
+    own = f"{seen.reference}:frame" if seen.reference in taken else seen.reference
     slots = [Slot(own, "reference", SIX, six_screws(), (), frame=0)] if seen.placed else []
     places: dict[str, list[int]] = {}
     for index, target in enumerate(seen.targets, start=1):

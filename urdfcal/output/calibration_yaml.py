@@ -18,6 +18,7 @@ from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.robot.corrections import OriginCorrection
+from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
 
 
@@ -132,13 +133,20 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
             "sha256": sha256(robot.description.text),
             "expanded_by_xacro": robot.description.expanded,
         },
-        "rig": {"screen": robot.rig.base, "module": robot.rig.tip, "lasers": list(robot.rig.lasers)},
+        "rig": _rig_entry(robot.rig),
     }
+
+
+def _rig_entry(rig: Rig) -> dict[str, Any]:
+    entry = {"screen": rig.base, "module": rig.tip, "lasers": list(rig.lasers)} if rig.lasers else {}
+    seen = rig.instruments
+    return entry | ({"reference": seen.reference, "targets": [target.name for target in seen.targets]} if seen.targets else {})
 
 
 def _data_entry(calibration: FitResult) -> dict[str, Any]:
     data = calibration.data
-    entry: dict[str, Any] = {"poses": len(data), "spots": int(data.seen.sum())}
+    entry: dict[str, Any] = {"poses": len(data)} | ({"spots": int(data.seen.sum())} if data.lasers else {})
+    entry |= {} if data.only_spots else {"readings": data.summary}
     if data.source:
         entry = {"file": _readable(data.source), "sha256": data.sha256, **entry}
     return entry

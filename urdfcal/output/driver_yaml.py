@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from urdfcal.base.errors import InputError, RobotError, did_you_mean
-from urdfcal.base.files import read_yaml
+from urdfcal.base.errors import RobotError, did_you_mean
 from urdfcal.base.geometry import SE3, Z, xyz_rpy
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
@@ -72,13 +70,18 @@ def ur_warnings(robot: Robot, origins: Mapping[str, SE3]) -> tuple[str, ...]:
     Raises:
         RobotError: the robot does not have the six joints.
     """
-    others = [joint.name for joint in ur_joints(robot, origins).values() if not np.allclose(joint.axis, Z, atol=1e-9)]
+    others = other_frames(ur_joints(robot, origins).values())
     if not others:
         return ()
     return (
         f"{', '.join(others)} turn about other axes than z, as in older UR descriptions: today's ur_description would build another "
         "robot from these numbers; for the driver, calibrate the URDF that its own xacro makes",
     )
+
+
+def other_frames(joints: Iterable[UrdfJoint]) -> list[str]:
+    """Names of joints that do not turn about their z, so that their frames are not those of ur_description."""
+    return [joint.name for joint in joints if not np.allclose(joint.axis, Z, atol=1e-9)]
 
 
 def ur_joints(robot: Robot, calibrated: Iterable[str]) -> dict[str, UrdfJoint]:
@@ -103,20 +106,6 @@ def ur_joints(robot: Robot, calibrated: Iterable[str]) -> dict[str, UrdfJoint]:
         found = ", ".join(f"'{prefix}'" for prefix in touched)
         raise RobotError(f"the UR format is for one arm, found those with the prefixes {found}", where)
     return {section: joints[touched[0] + ending] for section, ending in UR_JOINTS.items()}
-
-
-def read_ur_hash(path: Path) -> str:
-    """The hash in a kinematics file of the UR driver.
-
-    Raises:
-        InputError: there is none.
-    """
-    file = read_yaml(path, InputError)
-    section = file.content.get("kinematics") if isinstance(file.content, dict) else None
-    found = section.get("hash") if isinstance(section, dict) else None
-    if not isinstance(found, str) or not found:
-        raise InputError("has no entry kinematics: hash, expected a file that ur_calibration extracted from the robot", path)
-    return found
 
 
 def yaml_text(comments: Iterable[str], content: Mapping[str, Any]) -> bytes:

@@ -11,8 +11,9 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.geometry import SE3
-from urdfcal.output.driver_yaml import origins_yaml, read_ur_hash, ur_joints, ur_warnings, ur_yaml
+from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
+from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
@@ -26,11 +27,11 @@ class Deployment:
 
     Attributes:
         places: Where each format is written; the first is the main output.
-        kinematics_hash: For the UR format.
+        ur_file: Whose hash the UR format gets.
     """
 
     places: Mapping[str, Path]
-    kinematics_hash: str | None = None
+    ur_file: UrFile | None = None
 
     @property
     def main(self) -> Path:
@@ -51,9 +52,13 @@ class Deployment:
 
         Raises:
             RobotError: says what is missing.
+            InputError: the kinematics file is of another model.
         """
+        names = tuple(calibrated)
         if "ur" in self.places:
-            ur_joints(robot, calibrated)
+            ur_joints(robot, names)
+        if self.ur_file is not None:
+            self.ur_file.require_model_of(robot, names)
 
 
 def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_from: Path | None = None) -> Deployment:
@@ -81,7 +86,7 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
     places |= {name: folder / f"{stem}{ENDINGS[name]}" for name in wanted if name != main}
     if len(set(places.values())) < len(places):
         raise UsageError(f"{output}: two formats would be written to this file; name another with -o")
-    return Deployment(places, None if ur_hash_from is None else read_ur_hash(ur_hash_from))
+    return Deployment(places, None if ur_hash_from is None else read_ur_file(ur_hash_from))
 
 
 def stem_of(path: Path) -> str:
@@ -126,7 +131,8 @@ class Deployed:
         Raises:
             RobotError: a format is not for this robot.
         """
-        return {place: self.content(name, plan.kinematics_hash) for name, place in plan.places.items()}
+        kinematics_hash = plan.ur_file.hash if plan.ur_file is not None else None
+        return {place: self.content(name, kinematics_hash) for name, place in plan.places.items()}
 
     def content(self, name: str, kinematics_hash: str | None = None) -> bytes:
         """One format's bytes.
@@ -148,4 +154,5 @@ class Deployed:
     def warnings(self, plan: Deployment) -> tuple[str, ...]:
         """What keeps a format from carrying the whole calibration."""
         ur = ur_warnings(self.robot, self.origins) if "ur" in plan.places else ()
-        return (*ur, *(self.loss.warnings if "offsets" in plan.places else ()))
+        whose = plan.ur_file.warnings(self.robot, self.origins) if plan.ur_file is not None else ()
+        return (*ur, *whose, *(self.loss.warnings if "offsets" in plan.places else ()))

@@ -17,7 +17,7 @@ import pinocchio as pin
 from urdfcal.base.errors import RigError, RobotError
 from urdfcal.base.geometry import MM, SE3, Matrix, Vector, rotation_screw, translation_screw
 from urdfcal.output.driver_yaml import yaml_text
-from urdfcal.robot.configurations import WholeRobot
+from urdfcal.robot.configurations import WholeRobot, has_room
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
@@ -35,6 +35,7 @@ class OffsetLoss:
         mean_mm, max_mm: With offsets alone, from where the whole correction puts the tool.
         nominal_mean_mm, nominal_max_mm: The same with nothing deployed.
         configurations: How many.
+        held: Joints whose limits leave them no room, so that they stand still in all of these.
     """
 
     tool: str
@@ -44,10 +45,22 @@ class OffsetLoss:
     nominal_mean_mm: float
     nominal_max_mm: float
     configurations: int
+    held: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to say of it; nothing where nothing is lost."""
+        return (*self._loss(), *self._held())
+
+    def _held(self) -> tuple[str, ...]:
+        if not self.held:
+            return ()
+        return (
+            f"lower and upper limit of {', '.join(self.held)} are the same: what offsets alone lose is judged with these at one position, "
+            "and may be more elsewhere",
+        )
+
+    def _loss(self) -> tuple[str, ...]:
         if self.max_mm < _NOTHING:
             return ()
         return (
@@ -132,6 +145,7 @@ def offset_loss(robot: Robot, origins: Mapping[str, SE3], rng: np.random.Generat
         nominal_mean_mm=float(uncorrected.mean()),
         nominal_max_mm=float(uncorrected.max()),
         configurations=count,
+        held=tuple(name for name, joint in joints.items() if joint.moves and joint.mimic is None and not has_room(joint)),
     )
 
 
@@ -173,7 +187,7 @@ def _positions(robot: Robot, origins: Mapping[str, SE3], base: str, tool: str, q
     model = corrected_model(
         robot.model, {name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in origins.items()}
     )
-    data, frames = model.createData(), (model.getFrameId(base), model.getFrameId(tool))
+    data, frames = model.createData(), (model.getFrameId(base, pin.BODY), model.getFrameId(tool, pin.BODY))
     found = np.empty((len(q), 3))
     for pose, configuration in enumerate(q):
         pin.forwardKinematics(model, data, configuration)

@@ -207,7 +207,7 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     path = Path(path)
     file = read_yaml(path, CalibrationFileError)
     if not isinstance(file.content, dict) or "joints" not in file.content:
-        raise CalibrationFileError("is no calibration: it has no entry 'joints'; expected a file written by urdfcal fit or simulate", path)
+        raise CalibrationFileError(f"{_no_calibration(file.content)}; expected a file written by urdfcal fit or simulate", path)
     try:
         entries = CalibrationEntries.model_validate(file.content)
     except ValidationError as error:
@@ -218,6 +218,13 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         for name, entry in entries.joints.items()
     }
     return StoredCalibration(path, corrections, entries.posterior)
+
+
+def _no_calibration(content: Any) -> str:
+    """What a file without an entry `joints` is taken for."""
+    if isinstance(content, dict) and "kinematics" in content:
+        return "is a kinematics file of the UR driver, which the robot's xacro reads (--xacro-arg kinematics_params:=FILE)"
+    return "is no calibration: it has no entry 'joints'"
 
 
 def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:

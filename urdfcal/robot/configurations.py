@@ -8,16 +8,51 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_tree import UrdfJoint
 
 _FREE_TURN = np.pi  # how far a continuous joint is turned either way
+_ROOM = 1e-6  # [rad] or [m]: limits nearer to each other hold a joint
 
 
-def joint_limits(robot: Robot) -> Matrix:
-    """Lower and upper limits of the measured joints, (2, inputs); a continuous joint gets half a turn either way."""
+def joint_limits(robot: Robot, measured: Matrix | None = None) -> Matrix:
+    """Lower and upper limits of the measured joints, (2, inputs); a continuous joint gets half a turn either way.
+
+    Args:
+        robot: The robot.
+        measured: Positions of these joints, (n, inputs), [rad] or [m]; their range stands for limits that leave a joint no room.
+    """
     pairs = [(-_FREE_TURN, _FREE_TURN) if joint.type == "continuous" else (joint.lower, joint.upper) for joint in robot.chain.inputs]
-    return np.array(pairs).T
+    limits = np.array(pairs).T
+    if measured is None or not len(measured):
+        return limits
+    return np.where([not has_room(joint) for joint in robot.chain.inputs], [measured.min(axis=0), measured.max(axis=0)], limits)
+
+
+def has_room(joint: UrdfJoint) -> bool:
+    """Whether a joint's limits let it move; CAD exporters write limits of 0 and 0."""
+    return joint.upper - joint.lower > _ROOM
+
+
+def without_room(robot: Robot) -> str:
+    """`lower and upper limit of j1, j2 are the same` for the measured joints that have no room; the empty string for none."""
+    names = [joint.name for joint in robot.chain.inputs if not has_room(joint)]
+    return f"lower and upper limit of {', '.join(names)} are the same" if names else ""
+
+
+def require_room(robot: Robot) -> None:
+    """Refuse to draw positions within limits that leave no measured joint any room.
+
+    Raises:
+        UsageError: says how to get some.
+    """
+    if not any(has_room(joint) for joint in robot.chain.inputs):
+        raise UsageError(
+            f"{robot.description.label}: {without_room(robot)}, which leaves no workspace to draw positions from; "
+            "write the joints' real limits, or make turning joints continuous"
+        )
 
 
 class WholeRobot:

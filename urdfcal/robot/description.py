@@ -6,16 +6,19 @@ import contextlib
 import io
 import re
 import threading
+import xml.dom.expatbuilder
 import xml.dom.minidom
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.parsers import expat
 
-from urdfcal.base.errors import RobotError, did_you_mean
+from urdfcal.base.errors import RobotError
 from urdfcal.robot.packages import find_package, resolve_uri
+from urdfcal.robot.xacro_faults import refuse_macros_alone, refuse_unknown_arguments, xacro_fault
 
 _XACRO_LOCK = threading.Lock()  # xacro keeps its state in module globals
+_ENDINGS = re.compile(r"(\.(xacro|urdf|xml))+$", re.IGNORECASE)
 _EXPANDED = "Expanded from {} by xacro; edit that file, not this one."
 
 
@@ -37,8 +40,8 @@ class Description:
 
     @property
     def stem(self) -> str:
-        """File name without .xacro, .urdf and the like: `arm7` for `arm7.urdf.xacro`."""
-        return self.path.name.split(".")[0] or self.path.name
+        """File name without .xacro, .urdf and .xml at its end: `arm7` for `arm7.urdf.xacro`, `cell.left` for `cell.left.urdf`."""
+        return _ENDINGS.sub("", self.path.name) or self.path.name
 
     @property
     def label(self) -> str:
@@ -125,33 +128,18 @@ def _expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path,
         except RobotError:
             raise
         except Exception as error:  # xacro runs the file's own Python: anything can come out of it
-            raise RobotError(f"xacro: {_cause(error)}{_included(xacro.filestack, path)}", path) from None
-    _refuse_unknown_arguments(path, xacro_args, b"".join(sources))
+            raise xacro_fault(error, xacro.filestack, path) from None
+    refuse_unknown_arguments(path, xacro_args, b"".join(sources))
+    refuse_macros_alone(path, len(document.getElementsByTagName("link")), b"".join(sources))
     return text
 
 
-def _refuse_unknown_arguments(path: Path, xacro_args: Mapping[str, str], sources: bytes) -> None:
-    """Refuse what xacro passes over: an argument that no file mentions, probably misspelt."""
-    declared = [name.decode(errors="replace") for name in re.findall(rb"""<xacro:arg\s[^>]*?\bname\s*=\s*["']([^"']+)""", sources)]
-    for name in xacro_args:
-        if name.encode() not in sources:
-            raise RobotError(f"takes no xacro argument '{name}'{did_you_mean(name, declared)}", path)
-
-
-def _cause(error: BaseException) -> str:
-    """What xacro has to say; it wraps other errors, ours among them, and sometimes says nothing itself."""
-    chain = [error]
-    while isinstance(inner := getattr(chain[-1], "exc", None), BaseException):
-        chain.append(inner)
-    ours = [str(link) for link in chain if isinstance(link, RobotError)]
-    if not ours and isinstance(chain[-1], RecursionError):
-        return "macros, properties or includes call themselves without end"
-    return next((text for text in [*ours, *map(str, chain)] if text), type(error).__name__)
-
-
-def _included(filestack: list[str | None] | None, path: Path) -> str:
-    innermost = filestack[-1] if filestack else None
-    return f" (in {innermost})" if innermost and Path(innermost) != path else ""
+def _document(text: bytes) -> xml.dom.minidom.Document:
+    """XML known to be well-formed, for xacro; an undeclared prefix is a part of the name."""
+    try:
+        return xml.dom.minidom.parseString(text)
+    except expat.ExpatError:
+        return xml.dom.expatbuilder.parseString(text, namespaces=False)
 
 
 @contextlib.contextmanager
@@ -179,7 +167,7 @@ def _our_look_up(package_dirs: tuple[Path, ...], sources: list[bytes]) -> Iterat
             raise xacro.XacroException(exc=missing) from None
         refuse_entities(text, filename)
         sources.append(text)
-        return xml.dom.minidom.parseString(text)
+        return _document(text)
 
     xacro.abs_filename_spec, xacro.parse = found, safe_parse
     xacro.substitution_args._eval_find = lambda name: str(find_package(name, package_dirs))

@@ -172,6 +172,8 @@ def _farthest(tree: UrdfTree, instruments: Instruments) -> str:
 
 
 def _laser_rig(tree: UrdfTree, screen: str | None, lasers: Sequence[str] | None) -> Rig:
+    if screen is None and not lasers and "screen" not in tree.links and not lasers_by_name(tree):
+        raise RigError(_no_instrument(tree), tree.label)
     screen_link = _link(tree, "screen" if screen is None else screen, "--screen")
     laser_links = tuple(_link(tree, laser, "--laser") for laser in lasers) if lasers else _required_lasers(tree)
     if len(set(laser_links)) < len(laser_links):
@@ -198,6 +200,17 @@ def _link(tree: UrdfTree, name: str, option: str) -> str:
             tree.label,
         )
     return name
+
+
+def _no_instrument(tree: UrdfTree) -> str:
+    """What to say of a robot that has neither screen nor lasers, where nothing else measures it either."""
+    ways = {name: tree.path_from_root(name) for name in tree.links}
+    link = max(ways, key=lambda name: (sum(joint.moves for joint in ways[name]), len(ways[name])))
+    return (
+        f"no laser, no screen, and nothing else that measures: name a link in the columns ({link}.x, {link}.y, {link}.z) or options "
+        f"(dh --tip {link}, simulate --sensor point:{link}), or lasers and screen with --laser and --screen; "
+        "robots/slm.urdf.xacro has macros for these"
+    )
 
 
 def lasers_by_name(tree: UrdfTree) -> tuple[str, ...]:

@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import pinocchio as pin
-from lxml import etree
-
-from urdfcal.base.errors import RobotError
 from urdfcal.robot.chain import Chain, build_chain
 from urdfcal.robot.description import Description, read_description
+from urdfcal.robot.pinocchio_model import pinocchio_model
 from urdfcal.robot.rig import NONE, Instruments, Rig, find_rig
 from urdfcal.robot.urdf_tree import UrdfTree, read_tree
 
@@ -100,40 +93,4 @@ def load_robot(
 def robot_from(description: Description, *, screen: str | None = None, lasers: Sequence[str] | None = None) -> Robot:
     """Build a robot from a description that has been read."""
     tree = read_tree(description)
-    return Robot(description, tree, _pinocchio_model(description), screen, tuple(lasers) if lasers is not None else None)
-
-
-def _pinocchio_model(description: Description) -> Any:
-    plain = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True)
-    text = etree.tostring(etree.fromstring(description.text, plain), encoding="unicode")  # drops the declaration of an encoding
-    with _native_stderr() as complaints:
-        try:
-            model = pin.buildModelFromXML(text)
-        except (ValueError, RuntimeError) as error:
-            reason = str(error)
-            model = None
-    if model is None:
-        said = " ".join(complaints[0].replace("Error:", "").split())
-        raise RobotError(f"Pinocchio's URDF reader refuses it: {said or reason}", description.label)
-    return model
-
-
-@contextlib.contextmanager
-def _native_stderr() -> Iterator[list[str]]:
-    """Collect what the C++ URDF reader prints straight to file descriptor 2; its words become our message."""
-    said = [""]
-    try:
-        saved = os.dup(2)
-    except OSError:  # there is no stderr to keep clean
-        yield said
-        return
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as sink:
-        os.dup2(sink.fileno(), 2)
-        try:
-            yield said
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            sink.seek(0)
-            said[0] = sink.read().decode(errors="replace")
+    return Robot(description, tree, pinocchio_model(description), screen, tuple(lasers) if lasers is not None else None)

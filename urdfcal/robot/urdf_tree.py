@@ -15,12 +15,13 @@ from lxml import etree
 from urdfcal.base.errors import RobotError, no_such
 from urdfcal.base.geometry import SE3, pose
 from urdfcal.robot.description import Description
+from urdfcal.robot.urdf_xml import finite_number, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
+_OF_THE_RIG = re.compile(r"slm|screen|laser_\d+")
 FARTHEST = 1e6  # [m] and [rad]: a number beyond this belongs to no robot, and overflows further on
-_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
 @dataclass(frozen=True)
@@ -150,14 +151,15 @@ class _Reader:
         return RobotError(message, self.label, line)
 
     def parse(self, text: bytes) -> etree._Element:
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
         try:
-            root = etree.fromstring(text, parser)
+            root = read_xml(text)
         except etree.XMLSyntaxError as error:
             raise self.fail(f"not well-formed XML: {error.msg}", error.lineno) from None
         self.refuse_namespace(root)
         if root.tag != "robot":
             raise self.fail(f"the document is a <{root.tag}>, expected a URDF with <robot>", _line(root))
+        if not root.get("name"):
+            raise self.fail('<robot> has no name; expected <robot name="...">', _line(root))
         return root
 
     def refuse_namespace(self, root: etree._Element) -> None:
@@ -177,7 +179,8 @@ class _Reader:
         for element in root.findall(tag):
             name = self.attribute(element, "name", f"<{tag}>")
             if name in seen:
-                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}", _line(element))
+                way_out = "; the macros of robots/slm.urdf.xacro take other names" if tag == "link" and _OF_THE_RIG.fullmatch(name) else ""
+                raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}{way_out}", _line(element))
             seen[name] = _line(element)
         return tuple(seen)
 
@@ -231,9 +234,10 @@ class _Reader:
         return tuple(self.near(word, f'{who}: {name}="{text}"', _line(element)) for word in words)
 
     def number(self, word: str, who: str, line: int | None) -> float:
-        if not _NUMBER.fullmatch(word) or not math.isfinite(float(word)):
+        value = finite_number(word)
+        if value is None:
             raise self.fail(f"{who}: '{word}' is not a finite number", line)
-        return float(word)
+        return value
 
     def near(self, word: str, who: str, line: int | None) -> float:
         value = self.number(word, who, line)
@@ -255,11 +259,8 @@ class _Reader:
         if kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         if found is None:
-            raise self.fail(
-                f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity, or make it continuous", _line(element)
-            )
-        for name in ("effort", "velocity"):
-            self.number(self.attribute(found, name, f"{who}: <limit>"), f"{who}: <limit> {name}", _line(found))
+            way_out = ", or make it continuous" if kind == "revolute" else ""
+            raise self.fail(f"{who} is {kind} and has no <limit>; add lower, upper, effort and velocity{way_out}", _line(element))
         lower, upper = (self.number(found.get(name, "0"), f"{who}: <limit> {name}", _line(found)) for name in ("lower", "upper"))
         if lower > upper:
             raise self.fail(f"{who}: its lower limit {lower:g} is above its upper limit {upper:g}", _line(found))

@@ -263,6 +263,12 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
     return fit_set, test if test is not None else marked if len(marked) else None
 
 
+def placed_by_session(data: Measurements) -> str:
+    """What stands elsewhere in each session, in words."""
+    words = (["screen"] if data.lasers else []) + (["measuring frame"] if data.instruments.placed else [])
+    return " or ".join(words) or "measuring frame"
+
+
 def in_pixels(data: Measurements) -> bool:
     """Whether spots were read as pixels."""
     return bool(data.instruments.camera_sigma)

@@ -15,7 +15,7 @@ from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import FARTHEST
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
-from urdfcal.sensors.joint_columns import joint_positions, limit_warnings
+from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
@@ -52,8 +52,8 @@ def read_measurements(
     """
     table = with_our_names(read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose"), target or "")
     columns = columns_of(table, robot, reference or "", camera, boards or {})
-    q = joint_positions(table, columns.robot)
-    warnings = (*columns.warnings, *limit_warnings(table, columns.robot, q))
+    joints = JointColumns(table, columns.robot)
+    q, warnings = joints.positions, (*columns.warnings, *joints.warnings())
     return Measurements(
         joints=tuple(joint.name for joint in columns.robot.chain.inputs),
         q=q,

@@ -19,7 +19,7 @@ from urdfcal.calibration.reach import ScreenArea
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
@@ -231,6 +231,11 @@ class _Draws:
 
 
 def random_positions(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
-    """Joint positions anywhere within the limits, (count, inputs)."""
+    """Joint positions anywhere within the limits, (count, inputs).
+
+    Raises:
+        UsageError: the limits leave no room.
+    """
+    require_room(setup.robot)
     lower, upper = joint_limits(setup.robot)
     return rng.uniform(lower, upper, (count, len(lower)))

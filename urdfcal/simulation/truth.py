@@ -23,7 +23,7 @@ from urdfcal.model.gravity import Gravity, WeighedRobot, parse_gravity, parse_pa
 from urdfcal.model.options import ModelOptions, parse_prior
 from urdfcal.model.slots import MODELS
 from urdfcal.model.softness import Term, extra_terms, gravity_terms
-from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import FARTHEST
 
@@ -142,8 +142,9 @@ def soft_truth(robot: Robot, errors: ErrorModel, x: Vector, scales: SagScales, r
         rng: Source of randomness.
 
     Raises:
-        UsageError: a payload hangs on no link of this robot, or gravity bends none of its joints.
+        UsageError: a payload hangs on no link of this robot, gravity bends none of its joints, or their limits leave no room.
     """
+    require_room(robot)
     weighed = WeighedRobot(robot, scales.gravity)
     lower, upper = joint_limits(robot)
     drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))

@@ -30,7 +30,7 @@ from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.jacobian import CHUNK
 from urdfcal.model.options import ModelOptions
-from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.sensors.registry import start_sigma_of
@@ -136,7 +136,7 @@ class OnlineCalibrator:
             rng: Source of randomness for the configurations.
 
         Raises:
-            UsageError: an option means nothing here.
+            UsageError: an option means nothing here, or the limits leave no workspace and none is given.
             RobotError: the tool is not a link that the calibrated joints move.
         """
         _check(spot_sigma, target_mm, gate)
@@ -288,6 +288,7 @@ class OnlineCalibrator:
 
 def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
     """Random configurations within the joints' limits, (WORKSPACE, inputs)."""
+    require_room(robot)
     lower, upper = joint_limits(robot)
     return rng.uniform(lower, upper, (WORKSPACE, len(lower)))
 

@@ -63,7 +63,7 @@ class WorkspaceAccuracy:
 
 def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.random.Generator) -> WorkspaceAccuracy:
     """Predict how far off a link still is, from the covariance of the fit; see `prediction.py` for what carries no sigma."""
-    lower, upper = joint_limits(robot)
+    lower, upper = joint_limits(robot, calibration.data.q)
     q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
     sigma = tool_sigma(robot, calibration.errors, calibration.covariance, calibration.x, link, q) * 1e3
     mm, mrad = np.sqrt(np.mean(sigma**2, axis=0))

@@ -189,7 +189,7 @@ class _Setup:
     def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
         self.calibration, self.chain = calibration, calibration.robot.chain
         self.data, self.noise = calibration.data, calibration.estimate.noise
-        lower, upper = joint_limits(calibration.robot)
+        lower, upper = joint_limits(calibration.robot, calibration.data.q)
         drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
         self.range = np.vstack([drawn, calibration.data.q])
 

@@ -32,7 +32,7 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
-from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.measurements import Measurements, placed_by_session
 from urdfcal.sensors.sensor import UNITS
 
 Rows = npt.NDArray[np.intp]
@@ -281,7 +281,8 @@ def _folds(data: Measurements, folds: int, rng: np.random.Generator) -> list[Row
     lone = [session for session in data.session_names if np.count_nonzero(data.sessions == session) < 2]
     if lone:
         raise UsageError(
-            f"session '{lone[0]}' has a single pose, so its screen is unknown when that pose is held out; leave the session out"
+            f"session '{lone[0]}' has a single pose, so its {placed_by_session(data)} is unknown when that pose is held out; "
+            "leave the session out"
         )
     order = np.concatenate([rng.permutation(np.flatnonzero(data.sessions == session)) for session in data.session_names])
     return [np.sort(order[first::folds]) for first in range(folds)]

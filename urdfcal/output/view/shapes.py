@@ -18,7 +18,10 @@ from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import resolve_uri
+from urdfcal.robot.pinocchio_model import native_stderr, without_its_source
+from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
 _READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 _BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
@@ -73,14 +76,14 @@ def robot_shapes(robot: Robot) -> Shapes:
 
     Meshes are looked for as `$(find pkg)` is, or beside the description; one that is missing is warned of and replaced.
     """
-    root = etree.fromstring(robot.description.text, etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True))
+    root = read_xml(robot.description.text)
     bare, missing = _resolve_meshes(root, robot)
     warnings = [f"{len(missing)} meshes are drawn as simple shapes, the first because {missing[0]}"] if missing else []
     try:
         model = _from_urdf(robot, root)
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
-        warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {' '.join(str(error).split())}"]
+        warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"]
     rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
@@ -91,8 +94,12 @@ def robot_shapes(robot: Robot) -> Shapes:
 
 
 def _sheet(robot: Robot) -> str:
-    """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way."""
-    return robot.rig.base if robot.rig.lasers else robot.screen or "screen"
+    """The link of the screen, also where this robot is measured without it: then the sheet would only be in the way.
+
+    The empty string for a robot without lasers: what is named `screen` there is its own.
+    """
+    default = "screen" if lasers_by_name(robot.tree) else ""
+    return robot.rig.base if robot.rig.lasers else robot.screen or default
 
 
 def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
@@ -118,6 +125,8 @@ def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[
 
 
 def _mesh_file(uri: str, description: Description) -> Path:
+    if not uri:
+        raise RobotError("a <mesh> has no filename")
     path = Path(resolve_uri(uri, description.package_dirs).removeprefix("file://"))
     path = path if path.is_absolute() else description.path.parent / path
     if not path.is_file():
@@ -128,8 +137,8 @@ def _mesh_file(uri: str, description: Description) -> Path:
 
 
 def _from_urdf(robot: Robot, root: etree._Element) -> Any:
-    text = etree.tostring(root, encoding="unicode")
-    return pin.buildGeomFromUrdfString(robot.model, text, pin.GeometryType.VISUAL)
+    with native_stderr():  # of shapes that it passes over, and simple ones stand for
+        return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
 
 
 def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:

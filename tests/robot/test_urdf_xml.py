@@ -1,0 +1,99 @@
+"""Descriptions that other readers of URDF read, and what Pinocchio is given of them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from lxml import etree
+
+from tests.support.small_robot import URDF, robot_of
+from urdfcal.base.errors import RobotError
+from urdfcal.output.view.shapes import robot_shapes
+from urdfcal.robot.description import Description
+from urdfcal.robot.pinocchio_model import pinocchio_model
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.robot.urdf_xml import read_xml
+
+LIMIT = 'lower="-0.6" upper="0.6" effort="1" velocity="1"'
+UNDECLARED = '<gazebo reference="tool"><sensor:camera name="c" x:y="1"><rate>1</rate></sensor:camera></gazebo></robot>'
+
+
+@pytest.mark.parametrize("value", [None, "-1", "", "inf", "nan", "none", "1e400", "100 Nm"])
+@pytest.mark.parametrize("name", ["effort", "velocity"])
+def test_an_effort_or_a_velocity_that_is_none_is_no_limit(name: str, value: str | None) -> None:
+    """Whatever stands there, the robot is read, the other joints keep theirs, and origins are written around the same bytes."""
+    stated = "" if value is None else f'{name}="{value}"'
+    text = URDF.replace(LIMIT, LIMIT.replace(f'{name}="1"', stated))
+    robot = robot_of(text)
+    limits = robot.model.effortLimit if name == "effort" else robot.model.velocityLimit
+    np.testing.assert_array_equal(limits[[0, 2]] > 1e300, [True, False])
+    assert (robot.tree.joints["turn"].lower, robot.tree.joints["turn"].upper) == (-0.6, 0.6)
+    assert with_origins(robot.description, {"turn": robot.tree.joints["turn"].origin}) == text.encode()
+
+
+@pytest.mark.parametrize("joint", ["lift", "slm_mount"])
+def test_what_matters_to_nothing_on_a_joint_does_not_keep_a_robot_out(joint: str) -> None:
+    """Limits of joints that have none, empty dynamics and half a safety controller change no placement and no limit."""
+    odd = '<limit lower="x" effort="-1"/><dynamics friction="-1"/><safety_controller/><calibration rising=""/>'
+    robot = robot_of(URDF)
+    changed = robot_of(re.sub(rf'(<joint name="{joint}".*?)(</joint>)', rf"\1{odd}\2", URDF, count=1, flags=re.DOTALL))
+    assert changed.model.njoints == robot.model.njoints
+    for one, other in zip(changed.model.jointPlacements, robot.model.jointPlacements, strict=True):
+        assert one == other
+
+
+def test_a_robot_in_order_is_given_to_pinocchio_as_it_stands(robots: dict[str, Robot]) -> None:
+    """On every robot that comes with urdfcal the model is the one that Pinocchio reads from the whole text."""
+    for robot in robots.values():
+        assert robot.model == pin.buildModelFromXML(robot.description.text.decode().split("?>", 1)[1])
+
+
+def test_an_undeclared_prefix_is_part_of_a_name() -> None:
+    """What stands under <gazebo> concerns nobody: the robot is the same one, it is drawn, and its bytes stay."""
+    text = URDF.replace("</robot>", UNDECLARED)
+    robot, plain = robot_of(text), robot_of(URDF)
+    assert robot.model == plain.model
+    assert robot.tree.joints == plain.tree.joints
+    assert robot_shapes(robot).links == robot_shapes(plain).links
+    assert with_origins(robot.description, {"turn": robot.tree.joints["turn"].origin}) == text.encode()
+    assert robot_of(URDF.replace("</robot>", '<x:joint name="turn"/></robot>')).tree.joints == plain.tree.joints
+
+
+def test_other_faults_of_xml_are_not_read_over() -> None:
+    """An undeclared prefix beside an unclosed tag does not hide it."""
+    with pytest.raises(etree.XMLSyntaxError):
+        read_xml(b"<robot><a:b/><link></robot>")
+
+
+def test_what_pinocchio_refuses_is_one_line_and_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    """The C++ reader's complaints become our message, without the place in its own source, and do not reach stderr."""
+    description = robot_of(URDF).description
+    with pytest.raises(RobotError) as error:
+        pinocchio_model(Description(description.path, b"<robot/>", expanded=False))
+    assert str(error.value) == "small.urdf: Pinocchio's URDF reader refuses it: No name given for the robot."
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "visual",
+    [
+        "<geometry/>",
+        "<geometry><mesh/></geometry>",
+        '<geometry><cone radius="1"/></geometry>',
+        '<geometry><box size="a"/></geometry>',
+        '<geometry><mesh filename="bad.stl"/></geometry>',
+    ],
+)
+def test_shapes_that_cannot_be_read_are_no_harm(visual: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The robot is drawn by simple shapes; nothing is printed, and no warning names the reader's own source files."""
+    (tmp_path / "bad.stl").write_text("no mesh")
+    text = URDF.replace('<link name="tool"/>', f'<link name="tool"><visual>{visual}</visual></link>')
+    shapes = robot_shapes(robot_of(text, str(tmp_path / "r.urdf")))
+    assert "tool" in shapes.simple
+    assert not re.search(r"project|\.cpp|at line", " ".join(shapes.warnings))
+    assert capfd.readouterr() == ("", "")

@@ -1,0 +1,95 @@
+"""A URDF as XML: read whatever prefixes it leaves undeclared, and pared down to what Pinocchio's reader needs and can take."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from copy import deepcopy
+
+from lxml import etree
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_LIMITED = ("revolute", "prismatic")
+_NO_LIMIT = repr(sys.float_info.max)  # the reader takes no infinity
+_READ = ("link", "joint", "material")  # under <robot>
+_UNUSED = ("safety_controller", "calibration")  # under <joint>; the reader refuses the whole robot where they are not whole
+
+
+def read_xml(text: bytes) -> etree._Element:
+    """The root of an XML document without its comments; an undeclared prefix is a part of the name, as it is to urdfdom.
+
+    Raises:
+        etree.XMLSyntaxError: it is not well-formed.
+    """
+    try:
+        return etree.fromstring(text, _parser(recover=False))
+    except etree.XMLSyntaxError:
+        parser = _parser(recover=True)
+        root: etree._Element | None = etree.fromstring(text, parser)
+        faults = parser.error_log.filter_from_errors()
+        if root is None or any(fault.domain != etree.ErrorDomains.NAMESPACE for fault in faults):
+            raise
+        return root
+
+
+def _parser(*, recover: bool) -> etree.XMLParser:
+    return etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True, recover=recover)
+
+
+def finite_number(text: str | None) -> float | None:
+    """A number as a URDF writes it; None for anything else."""
+    if text is None or not _NUMBER.fullmatch(text) or not math.isfinite(float(text)):
+        return None
+    return float(text)
+
+
+def for_pinocchio(root: etree._Element, *, shapes: bool) -> str:
+    """A URDF for Pinocchio's reader: the same links, joints and masses, without what it would refuse and nobody here asks it for.
+
+    Efforts and velocities that are none, or below zero as in many descriptions without a limit, become no limit.
+
+    Args:
+        root: The whole URDF; left unchanged.
+        shapes: Whether visual and collision shapes are wanted.
+    """
+    pared = deepcopy(root)
+    for name in set(pared.attrib) - {"name"}:  # a version, say
+        del pared.attrib[name]
+    for element in list(pared):
+        if element.tag not in _READ:
+            pared.remove(element)
+    for joint in pared.iterfind("joint"):
+        _pare_joint(joint)
+    for link in () if shapes else pared.iterfind("link"):
+        _remove(link, "visual", "collision")
+    return etree.tostring(pared, encoding="unicode", with_tail=False)  # without the declaration of an encoding
+
+
+def _pare_joint(joint: etree._Element) -> None:
+    _remove(joint, *_UNUSED)
+    for limit in joint.findall("limit"):
+        for name in ("effort", "velocity"):
+            limit.set(name, _magnitude(limit.get(name)) or _NO_LIMIT)
+        for name in () if joint.get("type") in _LIMITED else ("lower", "upper"):
+            limit.attrib.pop(name, "")
+    for dynamics in joint.findall("dynamics"):
+        stated = {name: text for name in ("damping", "friction") if (text := _magnitude(dynamics.get(name)))}
+        dynamics.attrib.clear()
+        for name, text in stated.items():
+            dynamics.set(name, text)
+        if not stated:
+            joint.remove(dynamics)
+
+
+def _magnitude(text: str | None) -> str | None:
+    """A finite number that is not below zero, as its text; None for anything else."""
+    stripped = (text or "").strip()
+    number = finite_number(stripped)
+    return None if number is None or number < 0 else stripped
+
+
+def _remove(element: etree._Element, *tags: str) -> None:
+    for tag in tags:
+        for child in element.findall(tag):
+            element.remove(child)
