@@ -292,7 +292,7 @@ class FitTask:
             estimator=self.method.label,
             error_model=self.options.error_model,
             warnings=(
-                *model_warnings(self.robot, errors, self.options),
+                *model_warnings(self.robot, self.options),
                 *said,
                 *too_few_warning(data, found.noise, freedom),
                 *large_scales_warning(scaled.evidence),

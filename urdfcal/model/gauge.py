@@ -170,20 +170,23 @@ def of_these_poses(chain: Chain, rig: Rig, options: ModelOptions, sessions: Sequ
     return replace(options, fix=known(options.fix), only=known(options.only), single=single)
 
 
-def model_warnings(robot: Robot, errors: ErrorModel, options: ModelOptions) -> tuple[str, ...]:
+def model_warnings(robot: Robot, options: ModelOptions) -> tuple[str, ...]:
     """What the chosen error model cannot follow on this robot."""
+    of_lasers = bool(robot.rig.lasers)  # without them there is neither a module nor a screen
     if options.error_model == "dh":
-        return (*(_mount_warning(robot) if robot.rig.lasers else ()), *_parallel_warning(robot))
-    if not robot.rig.lasers:  # nor a screen
-        return ()
+        return (*(_mount_warning(robot) if of_lasers else ()), *_parallel_warning(robot))
+    return (*(_screen_warning(robot) if of_lasers else ()), *_parting_warning(robot))
+
+
+def _screen_warning(robot: Robot) -> tuple[str, ...]:
+    """No origin stands for the placement of a screen on the very link that a joint moves."""
     first = robot.chain.steps[0]
-    if first.joint.moves and not first.forward:
-        return (
-            f"the screen '{robot.rig.base}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
-            "hang it on a fixed joint",
-            *_parting_warning(robot),
-        )
-    return _parting_warning(robot)
+    if not first.joint.moves or first.forward:
+        return ()
+    return (
+        f"the screen '{robot.rig.base}' is the very link that '{first.joint.name}' moves, so its placement cannot be estimated; "
+        "hang it on a fixed joint",
+    )
 
 
 def _parting_warning(robot: Robot) -> tuple[str, ...]:

@@ -95,7 +95,7 @@ def check(
         predicted=predicted,
         sigma=np.sqrt(np.diag(P)),
         suggestions=suggestions(Trial(robot, errors, options, fit_set, noise, nominal.x), rng),
-        warnings=(*data.warnings, *model_warnings(robot, errors, options), *((no_scale,) if no_scale else ())),
+        warnings=(*data.warnings, *model_warnings(robot, options), *((no_scale,) if no_scale else ())),
     )
 
 
