@@ -43,7 +43,7 @@ def test_no_screen_is_spoken_of_where_there_is_none(case: str, robots: dict[str,
     robot = seen_robot(CASES[case], robots)
     for model in MODELS:
         options = ModelOptions(error_model=model, reference_known=CASES[case].known)
-        said = " ".join(model_warnings(robot, build_error_model(robot.chain, robot.rig, options), options))
+        said = " ".join(model_warnings(robot, options))
         assert not re.search("screen|module|mount", said)
 
 
@@ -51,7 +51,7 @@ def test_the_screen_that_a_joint_carries_is_still_warned_of() -> None:
     """With lasers the warning is as it was: that screen's placement cannot be estimated."""
     lasers, links = joint("m1", "c", "laser_1", kind="fixed"), "a screen b c laser_1"
     robot = robot_of(robot_text(joint("pan", "a", "screen"), joint("j1", "a", "b"), joint("j2", "b", "c"), lasers, links=links))
-    warnings = model_warnings(robot, build_error_model(robot.chain, robot.rig), ModelOptions())
+    warnings = model_warnings(robot, ModelOptions())
     assert warnings[0].startswith("the screen 'screen' is the very link that 'pan' moves")
 
 
