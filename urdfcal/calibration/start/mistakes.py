@@ -13,11 +13,11 @@ import numpy.typing as npt
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.rotations import matrices
 from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.sensors.conventions import CONJUGATE
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Change
-from urdfcal.sensors.targets import CONJUGATE
 
 Columns = npt.NDArray[np.intp]
 
