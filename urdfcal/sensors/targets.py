@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from urdfcal.base.closed_form import common_point, plane_through, wire_end
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
-from urdfcal.base.rotations import inverse_right_jacobian, matrices, quaternions_of, rotation_vectors
+from urdfcal.base.rotations import inverse_right_jacobian, matrices, product_of_quaternions, quaternions_of, rotation_vectors
 from urdfcal.robot.rig import SIX, Place
 from urdfcal.sensors.conventions import orientation_mistakes
 from urdfcal.sensors.sensor import (
@@ -75,6 +75,10 @@ class PointSensor(Sensor):
         mirrored = "one axis of the points mirrored, or two of them swapped (a left-handed frame)"
         return {**wrong_lengths("points"), mirrored: lambda values: values * [1, 1, -1]}
 
+    def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
+        """See the base class."""
+        return np.asarray(values @ T_new_old.rotation.T + T_new_old.translation)
+
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class; any of the three columns may be missing."""
         missing = np.full(len(next(iter(columns.values()))), np.nan)
@@ -127,6 +131,10 @@ class OrientationSensor(Sensor):
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""
         return orientation_mistakes()
+
+    def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
+        """See the base class."""
+        return product_of_quaternions(np.broadcast_to(pin.Quaternion(T_new_old.rotation).coeffs(), values.shape), values)
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""

@@ -11,7 +11,7 @@ median of each kind of reading and the worst of the kinds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol
@@ -19,12 +19,13 @@ from typing import Protocol
 import numpy as np
 
 from urdfcal.base.errors import FitRejected
-from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.base.geometry import SE3, Mask, Matrix, Vector
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
 from urdfcal.calibration.start.couplings import mistakes_of_couplings
-from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
+from urdfcal.calibration.start.mistakes import MEND, UNTOUCHED, Mistake, mistakes_of_joints, mistakes_of_readings
 from urdfcal.calibration.start.nominal import nominal_fit
+from urdfcal.calibration.start.references import mistakes_of_reference
 from urdfcal.calibration.start.rig_search import (
     INCREDIBLE,
     MOST_JOINT_TURN,
@@ -66,6 +67,7 @@ class Hypothesis:
         factor: How many times smaller the residual is with it undone.
         scale: That residual: robust standard deviation, of a spot coordinate [m] or in units of the usual noise.
         what: What fits better: the data, or some of the poses.
+        way_out: What the user can do.
         instead: What else would explain the data as well, if anything: a rig that is turned round, another mistake.
     """
 
@@ -74,6 +76,7 @@ class Hypothesis:
     scale: float = np.nan
     instead: str = ""
     what: str = "the data fit"
+    way_out: str = MEND
 
     @property
     def words(self) -> str:
@@ -87,13 +90,13 @@ class Judged:
     """How the data fit with a mistake undone, or as they stand.
 
     Attributes:
-        undone: What was undone.
+        mistake: What was undone.
         scale: What the fit leaves over, in any unit.
         cost: What it asks of the priors and leaves of the data where that is the scale of what is left over.
         credible: Whether it believes nothing of the robot that nobody would.
     """
 
-    undone: str
+    mistake: Mistake
     scale: float
     cost: Callable[[float], float]
     credible: bool
@@ -155,15 +158,15 @@ def best_hypothesis(model: Problem, noise: Noise) -> Hypothesis | None:
         *mistakes_of_couplings(errors.chain),
     )
     for wanted in (near_wanted(errors, noise), far_wanted(errors, noise)):
-        stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
+        stands = _SpotTrial(UNTOUCHED, model, wanted, AimFit(errors.mean, np.inf)).judged()
         if stands.scale < plausible_scale(noise) and stands.credible:
             return None
-        trials = [_spot_trial(mistake.undone, Problem(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
+        trials = [_spot_trial(mistake, Problem(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
         untouched = aim_fit(model, wanted, errors.mean, iterations=0).scale
         for named in best_of(trials, wanted.least)[:1]:
             times = times_better(stands, untouched, named, wanted.least)
             if times > 1 and named.scale < plausible_scale(noise):
-                return Hypothesis(named.undone, times, named.scale, _instead(model, wanted, named))
+                return Hypothesis(named.mistake.undone, times, named.scale, _instead(model, wanted, named))
     return None
 
 
@@ -174,15 +177,15 @@ def _instead(model: Problem, wanted: Wanted, best: Judged) -> str:
     return next((words for fit in alike if (words := turned_round(model.errors, fit.x))), "")
 
 
-def _spot_trial(undone: str, model: Problem, wanted: Wanted) -> _SpotTrial:
-    return _SpotTrial(undone, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
+def _spot_trial(mistake: Mistake, model: Problem, wanted: Wanted) -> _SpotTrial:
+    return _SpotTrial(mistake, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
 
 
 @dataclass(frozen=True)
 class _SpotTrial:
     """A mistake in spots or joints undone, and a quick fit."""
 
-    undone: str
+    mistake: Mistake
     model: Problem
     wanted: Wanted
     quick: AimFit
@@ -194,7 +197,7 @@ class _SpotTrial:
     def judged(self) -> Judged:
         fit = aim_fit(self.model, self.wanted, self.quick.x, _THOROUGH)
         cost = partial(aim_cost, self.model, self.wanted, fit.x)
-        return Judged(self.undone, fit.scale, cost, credible(self.model.errors, fit.x))
+        return Judged(self.mistake, fit.scale, cost, credible(self.model.errors, fit.x))
 
 
 def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
@@ -211,16 +214,20 @@ def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
         return False
     if not found.converged or _left_over(model, found.belief.x, noise) >= _PLAUSIBLE:
         return False
-    return not (_enough(_unexplained(model, found.belief.x, noise)) and _enough(_unexplained(model, _robust(model, found.belief.x, noise), noise)))
+    odd = [_unexplained(model, x, noise) for x in (found.belief.x, _robust(model, found.belief.x, noise))]
+    return not all(_enough(own) for own in odd)
 
 
-def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise) -> Hypothesis | None:
+def best_reading_hypothesis(
+    errors: ErrorModel, data: Measurements, noise: Noise, links: Mapping[str, SE3] | None = None
+) -> Hypothesis | None:
     """The mistake that explains the readings many times better than none does, if there is one.
 
     Args:
         errors: The error model that is to be fitted, before its instruments were placed.
         data: The measurements.
         noise: As stated, or where its estimation starts.
+        links: Where links that are fixed to the reference stand on it, `references.links_of_reference`.
     """
     if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
         return None
@@ -228,8 +235,9 @@ def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise
         *mistakes_of_readings(data, beams=False),
         *mistakes_of_joints(data, errors.chain.inputs),
         *mistakes_of_couplings(errors.chain),
+        *mistakes_of_reference(errors, links or {}),
     )
-    stands = _trial(errors, data, noise, Mistake("", lambda data: data))
+    stands = _trial(errors, data, noise, UNTOUCHED)
     trials = [_trial(errors, data, noise, mistake) for mistake in mistakes]
     return _named_by(trials, stands) or _named_by_some(trials, stands)
 
@@ -239,10 +247,12 @@ def _named_by(trials: Sequence[_Trial], stands: _Trial) -> Hypothesis | None:
     fits = best_of(trials, 1.0)
     if not fits or fits[0].scale > _PLAUSIBLE:
         return None
-    named, *others = fits
+    alike = [fit for fit in fits if fit.cost(1.0) < fits[0].cost(1.0) + _TOLD_APART]
+    alike = [fit for fit in alike if fit.mistake.is_of_setup] or alike  # measurements are not mended that may be right
+    named, *others = alike
     times = times_better(stands.judged(), stands.left, named, 1.0)
-    alike = [fit.undone for fit in others if fit.cost(1.0) < named.cost(1.0) + _TOLD_APART]
-    return Hypothesis(named.undone, times, named.scale, " or with ".join(alike)) if times > 1 else None
+    instead = " or with ".join(fit.mistake.undone for fit in others)
+    return Hypothesis(named.mistake.undone, times, named.scale, instead, way_out=named.mistake.way_out) if times > 1 else None
 
 
 def _named_by_some(trials: Sequence[_Trial], stands: _Trial) -> Hypothesis | None:
@@ -268,7 +278,7 @@ class _Trial:
     """The measurements with a mistake undone.
 
     Attributes:
-        undone: What was undone.
+        mistake: What was undone.
         model: Of some of them; None where instruments cannot be placed.
         x: The state at which joints and mount are nominal, (p,).
         noise: As stated, or where its estimation starts.
@@ -276,7 +286,7 @@ class _Trial:
         judges: The poses whose readings are looked at, (n,); all of them if None.
     """
 
-    undone: str
+    mistake: Mistake
     model: Problem | None
     x: Vector
     noise: Noise
@@ -307,17 +317,17 @@ class _Trial:
     def judged(self) -> Judged:
         """A robust fit; `cost` is what it asks of the joints' priors, chi-squared."""
         if self.model is None:
-            return Judged(self.undone, np.inf, lambda _: np.inf, False)
+            return Judged(self.mistake, np.inf, lambda _: np.inf, False)
         errors, x = self.model.errors, self._fitted
         of_joints = _of_joints(errors)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
         sane = not np.any(turns > MOST_JOINT_TURN) and self._spoils_none()
-        return Judged(self.undone, self.shrunk * self._left_over(x), lambda _: pull, sane)
+        return Judged(self.mistake, self.shrunk * self._left_over(x), lambda _: pull, sane)
 
     def _spoils_none(self) -> bool:
         """Whether poses that judge are explained, and no others are lost for it."""
-        return self.judges is None or np.count_nonzero(self.unexplained()) * _BETTER <= np.count_nonzero(self.judges)
+        return self.judges is None or bool(np.count_nonzero(self.unexplained()) * _BETTER <= np.count_nonzero(self.judges))
 
 
 def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistake) -> _Trial:
@@ -326,8 +336,8 @@ def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistak
     try:
         nominal = nominal_fit(errors, some, noise, _QUICK_READINGS)
     except FitRejected:  # a camera that no place suits
-        return _Trial(mistake.undone, None, errors.mean, noise, shrunk)
-    return _Trial(mistake.undone, problem_of(nominal.errors, some, noise), nominal.x, noise, shrunk)
+        return _Trial(mistake, None, errors.mean, noise, shrunk)
+    return _Trial(mistake, problem_of(nominal.errors, some, noise), nominal.x, noise, shrunk)
 
 
 def _turning(errors: ErrorModel, data: Measurements) -> float:
