@@ -15,6 +15,18 @@ def quaternions_of(angles: Matrix) -> Matrix:
     )
 
 
+def quaternions_of_vectors(vectors: Matrix) -> Matrix:
+    """Unit quaternions x, y, z, w of rotation vectors, (n, 3) -> (n, 4)."""
+    half = np.linalg.norm(vectors, axis=1, keepdims=True) / 2
+    return np.hstack([vectors / 2 * np.sinc(half / np.pi), np.cos(half)])
+
+
+def product_of_quaternions(one: Matrix, other: Matrix) -> Matrix:
+    """Quaternions x, y, z, w of the rotations R_one R_other, (n, 4)."""
+    u, v, a, b = one[:, :3], other[:, :3], one[:, 3:], other[:, 3:]
+    return np.hstack([a * v + b * u + np.cross(u, v), a * b - np.sum(u * v, axis=1, keepdims=True)])
+
+
 def skew(vectors: Matrix) -> Array3:
     """The matrices of v x ., (n, 3, 3)."""
     x, y, z = vectors.T

@@ -237,7 +237,7 @@ class FitTask:
         nominal = nominal_fit(errors, data, noise)
         first = self._first(nominal, data, noise)
         if self.sane and not self.method.as_published:
-            require_sane_readings(errors, first.model, first.found, noise)
+            require_sane_readings(self.robot, errors, first.model, first.found, noise)
         clean = first.without_outliers(noise)
         scaled = self._scaled(first, clean, noise)
         return self._result(nominal, first, clean, scaled, tuple(filter(None, (no_scale, first.message))))

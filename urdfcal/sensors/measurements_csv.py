@@ -19,10 +19,11 @@ from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
-from urdfcal.sensors.sensor import QUANTITIES, CellFault, Sensor
+from urdfcal.sensors.sensor import QUANTITIES, CellFault, Quantity, Sensor
 
 _LEAST_SIGMA = 1e-12  # [m] or [px]: a spot known better than that is a mistake, and its weight overflows
 _A_SIGMA, _A_MASS = "expected a standard deviation, or nothing", "expected a mass in kg, or nothing"
+_WHOLE_TURN = 2 * np.pi + 1e-6  # [rad] farther from zero no angle is written, but in degrees
 
 Column = tuple[str, Sequence[str | float]]  # its name and its cells
 
@@ -114,14 +115,26 @@ def _readings(table: Table, target: str, sensor: str, group: Group) -> Readings:
 def _values(table: Table, how: Sensor, group: Group) -> Matrix:
     """Numbers as readings keep them, (n, stored), nan where nothing was read."""
     numbers = {
-        ending: table.numbers(group[ending].name, QUANTITIES[quantity], how.empty, empty=True, most=FARTHEST)
-        for ending, quantity in how.endings.items()
-        if ending in group
+        ending: _numbers(table, group[ending].name, quantity, how.empty) for ending, quantity in how.endings.items() if ending in group
     }
     try:
         return how.kept(numbers)
     except CellFault as fault:
         raise table.fail(fault.row, group[fault.ending].name, fault.message) from None
+
+
+def _numbers(table: Table, name: str, quantity: Quantity, empty: str) -> Vector:
+    """One column in SI units, (n,).
+
+    Raises:
+        MeasurementError: a cell is no number, or angles are degrees and the header does not say so.
+    """
+    numbers = table.numbers(name, QUANTITIES[quantity], empty, empty=True, most=FARTHEST)
+    if quantity == "angle" and table.units.get(name) != "deg":
+        beyond = np.abs(numbers) > _WHOLE_TURN
+        found = f"lies beyond 2 pi rad ({beyond.sum()} of {len(table)} cells do), expected radians"
+        table.refuse(name, beyond, f"{found}; write '{name} [deg]' in the header if they are degrees, else take whole turns off")
+    return numbers
 
 
 def _sigma(table: Table, target: str, how: Sensor) -> Vector:

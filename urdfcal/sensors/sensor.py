@@ -243,6 +243,10 @@ class Sensor:
         """Common mistakes in such readings, each as what undoes it: a change of what was kept, (n, stored)."""
         return {}
 
+    def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
+        """The same readings, (n, stored), as they are told in another measuring frame; those that stay where none is concerned."""
+        return values
+
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """What its readings of a target have in common over poses, one for every label that was touched."""
         return ()

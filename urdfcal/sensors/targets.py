@@ -9,9 +9,10 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.closed_form import common_point, plane_through, wire_end
-from urdfcal.base.geometry import DEG, SE3, Array3, Labels, Mask, Matrix, Vector
-from urdfcal.base.rotations import inverse_right_jacobian, matrices, quaternions_of, rotation_vectors
+from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.rotations import inverse_right_jacobian, matrices, product_of_quaternions, quaternions_of, rotation_vectors
 from urdfcal.robot.rig import SIX, Place
+from urdfcal.sensors.conventions import orientation_mistakes
 from urdfcal.sensors.sensor import (
     CellFault,
     Change,
@@ -30,7 +31,6 @@ from urdfcal.sensors.sensor import (
 
 QUATERNION = ("qx", "qy", "qz", "qw")
 ROLL_PITCH_YAW = ("roll", "pitch", "yaw")
-CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])  # of a quaternion x, y, z, w
 _WIRE_FAR = 1.0  # [m] how far the end of a simulated wire is from the target, a standard deviation
 _LEAST_TOUCHES = 3
 _UNIT_WITHIN = 1e-3  # how far a quaternion's length may be from one: rounding of the file
@@ -76,6 +76,10 @@ class PointSensor(Sensor):
         """See the base class; the frame stands anywhere, so that swapped axes are the same as one that was mirrored."""
         mirrored = "one axis of the points mirrored, or two of them swapped (a left-handed frame)"
         return {**wrong_lengths("points"), mirrored: lambda values: values * [1, 1, -1]}
+
+    def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
+        """See the base class."""
+        return np.asarray(values @ T_new_old.rotation.T + T_new_old.translation)
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class; any of the three columns may be missing."""
@@ -129,12 +133,11 @@ class OrientationSensor(Sensor):
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""
-        return {
-            "the quaternions read as w, x, y, z": lambda values: values[:, [1, 2, 3, 0]],
-            "the orientations inverted": lambda values: values * CONJUGATE,
-            "roll, pitch and yaw taken about axes that turn along": lambda values: quaternions_of(-_angles_of(values)) * CONJUGATE,
-            "roll, pitch and yaw read as radians in place of degrees": lambda values: quaternions_of(_angles_of(values) / DEG),
-        }
+        return orientation_mistakes()
+
+    def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
+        """See the base class."""
+        return product_of_quaternions(np.broadcast_to(pin.Quaternion(T_new_old.rotation).coeffs(), values.shape), values)
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""
@@ -165,13 +168,6 @@ class OrientationSensor(Sensor):
     def written(self, values: Matrix) -> dict[str, Vector]:
         """See the base class; as quaternions."""
         return dict(zip(QUATERNION, values.T, strict=True))
-
-
-def _angles_of(quaternions: Matrix) -> Matrix:
-    """Roll, pitch and yaw about fixed axes, (n, 3); nan where there are none."""
-    R = matrices(quaternions)
-    roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
-    return np.column_stack([roll, np.arctan2(-R[:, 2, 0], np.hypot(R[:, 0, 0], R[:, 1, 0])), yaw])
 
 
 def _quaternions(R: Array3) -> Matrix:

@@ -15,11 +15,13 @@ from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.hypotheses import Hypothesis, best_hypothesis, best_reading_hypothesis, readings_explained
+from urdfcal.calibration.start.references import links_of_reference
 from urdfcal.calibration.start.rig_search import INCREDIBLE, Start, find_start
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
+from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, as_spots, unreached_words
 from urdfcal.sensors.registry import start_sigma_of
 
@@ -61,10 +63,11 @@ def searched_start(model: Problem, noise: Noise, sane: bool) -> Start:
     return begun
 
 
-def require_sane_readings(errors: ErrorModel, model: Problem, found: Estimate, noise: Noise) -> None:
+def require_sane_readings(robot: Robot, errors: ErrorModel, model: Problem, found: Estimate, noise: Noise) -> None:
     """Refuse readings of instruments beside lasers that a common mistake explains far better.
 
     Args:
+        robot: Whose links may be what was measured from.
         errors: The error model before its instruments were placed.
         model: Of the measurements, with the instruments placed.
         found: Their fit.
@@ -74,12 +77,13 @@ def require_sane_readings(errors: ErrorModel, model: Problem, found: Estimate, n
         FitRejected: names the mistake.
     """
     if any(not reading.kind.beam for reading in model.data.readings) and not readings_explained(model, found, noise):
-        _refuse(best_reading_hypothesis(errors, model.data, noise))
+        _refuse(best_reading_hypothesis(errors, model.data, noise, links_of_reference(robot)))
 
 
 def _refuse(mistake: Hypothesis | None) -> None:
     if mistake is not None:
-        raise FitRejected(f"{mistake.words}; mend the measurements, or fit them as they are with --no-sanity", forceable=False)
+        way_out = f"{mistake.way_out}, or" if mistake.way_out else "or"
+        raise FitRejected(f"{mistake.words}; {way_out} fit them as they are with --no-sanity", forceable=False)
 
 
 def require_beams_on_screen(model: Problem, x: Vector) -> None:

@@ -11,19 +11,21 @@ median of each kind of reading and the worst of the kinds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
 
 from urdfcal.base.errors import FitRejected
-from urdfcal.base.geometry import Mask, Vector
+from urdfcal.base.geometry import SE3, Mask, Matrix, Vector
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
-from urdfcal.calibration.start.mistakes import Mistake, mistakes_of_joints, mistakes_of_readings
+from urdfcal.calibration.start.couplings import mistakes_of_couplings
+from urdfcal.calibration.start.mistakes import MEND, UNTOUCHED, Mistake, mistakes_of_joints, mistakes_of_readings
 from urdfcal.calibration.start.nominal import nominal_fit
+from urdfcal.calibration.start.references import mistakes_of_reference
 from urdfcal.calibration.start.rig_search import (
     INCREDIBLE,
     MOST_JOINT_TURN,
@@ -36,7 +38,8 @@ from urdfcal.calibration.start.rig_search import (
 )
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
-from urdfcal.estimation.robust import Observations, iteratively_reweighted, kind_scales, mahalanobis_squared
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.robust import Observations, degrees, iteratively_reweighted, kind_scales, mahalanobis_squared
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements, start_sigma
 
@@ -48,6 +51,8 @@ _MANY = 1000
 
 _TOLD_APART = 4.0  # what asks hardly more of the joints' priors than the mistake that is named, chi-squared, is named beside it
 _PLAUSIBLE = 10.0  # [times the usual noise] what may be left over without a second look
+_LEAST_ODD, _ODD_SHARE = 3, 0.05  # poses that do not fit, at least, for a look at whether a mistake explains them
+_PROMISING = 2.0  # how many times better a quick look must be there for a thorough one
 _STILL = 1e-6  # of a circle
 _QUICK_READINGS = 4  # sweeps that place the instruments for every hypothesis
 _POSES = 200  # enough to tell a mistake from none
@@ -61,6 +66,8 @@ class Hypothesis:
         undone: What undoes it, to be read behind "with".
         factor: How many times smaller the residual is with it undone.
         scale: That residual: robust standard deviation, of a spot coordinate [m] or in units of the usual noise.
+        what: What fits better: the data, or some of the poses.
+        way_out: What the user can do.
         instead: What else would explain the data as well, if anything: a rig that is turned round, another mistake.
     """
 
@@ -68,12 +75,14 @@ class Hypothesis:
     factor: float = 1.0
     scale: float = np.nan
     instead: str = ""
+    what: str = "the data fit"
+    way_out: str = MEND
 
     @property
     def words(self) -> str:
         """One line: `the data fit 40 times better with laser_1 and laser_2 swapped`."""
         times = f"{self.factor:.0f}" if self.factor < _MANY else f"over {_MANY}"
-        return f"the data fit {times} times better with {self.undone}" + (f" (or with {self.instead})" if self.instead else "")
+        return f"{self.what} {times} times better with {self.undone}" + (f" (or with {self.instead})" if self.instead else "")
 
 
 @dataclass(frozen=True)
@@ -81,13 +90,13 @@ class Judged:
     """How the data fit with a mistake undone, or as they stand.
 
     Attributes:
-        undone: What was undone.
+        mistake: What was undone.
         scale: What the fit leaves over, in any unit.
         cost: What it asks of the priors and leaves of the data where that is the scale of what is left over.
         credible: Whether it believes nothing of the robot that nobody would.
     """
 
-    undone: str
+    mistake: Mistake
     scale: float
     cost: Callable[[float], float]
     credible: bool
@@ -143,17 +152,21 @@ def best_hypothesis(model: Problem, noise: Noise) -> Hypothesis | None:
         noise: Of the spots.
     """
     errors = model.errors
-    mistakes = (*mistakes_of_readings(model.data, beams=True), *mistakes_of_joints(model.data, errors.chain.inputs))
+    mistakes = (
+        *mistakes_of_readings(model.data, beams=True),
+        *mistakes_of_joints(model.data, errors.chain.inputs),
+        *mistakes_of_couplings(errors.chain),
+    )
     for wanted in (near_wanted(errors, noise), far_wanted(errors, noise)):
-        stands = _SpotTrial("", model, wanted, AimFit(errors.mean, np.inf)).judged()
+        stands = _SpotTrial(UNTOUCHED, model, wanted, AimFit(errors.mean, np.inf)).judged()
         if stands.scale < plausible_scale(noise) and stands.credible:
             return None
-        trials = [_spot_trial(mistake.undone, Problem(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
+        trials = [_spot_trial(mistake, Problem(errors, mistake.change(model.data)), wanted) for mistake in mistakes]
         untouched = aim_fit(model, wanted, errors.mean, iterations=0).scale
         for named in best_of(trials, wanted.least)[:1]:
             times = times_better(stands, untouched, named, wanted.least)
             if times > 1 and named.scale < plausible_scale(noise):
-                return Hypothesis(named.undone, times, named.scale, _instead(model, wanted, named))
+                return Hypothesis(named.mistake.undone, times, named.scale, _instead(model, wanted, named))
     return None
 
 
@@ -164,15 +177,15 @@ def _instead(model: Problem, wanted: Wanted, best: Judged) -> str:
     return next((words for fit in alike if (words := turned_round(model.errors, fit.x))), "")
 
 
-def _spot_trial(undone: str, model: Problem, wanted: Wanted) -> _SpotTrial:
-    return _SpotTrial(undone, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
+def _spot_trial(mistake: Mistake, model: Problem, wanted: Wanted) -> _SpotTrial:
+    return _SpotTrial(mistake, model, wanted, aim_fit(model, wanted, model.errors.mean, _QUICK))
 
 
 @dataclass(frozen=True)
 class _SpotTrial:
     """A mistake in spots or joints undone, and a quick fit."""
 
-    undone: str
+    mistake: Mistake
     model: Problem
     wanted: Wanted
     quick: AimFit
@@ -184,11 +197,11 @@ class _SpotTrial:
     def judged(self) -> Judged:
         fit = aim_fit(self.model, self.wanted, self.quick.x, _THOROUGH)
         cost = partial(aim_cost, self.model, self.wanted, fit.x)
-        return Judged(self.undone, fit.scale, cost, credible(self.model.errors, fit.x))
+        return Judged(self.mistake, fit.scale, cost, credible(self.model.errors, fit.x))
 
 
 def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
-    """Whether a fit put most readings where they were made and believes nothing of the joints that the prior does not.
+    """Whether a fit put all but a few poses where they were made and believes nothing of the joints that the prior does not.
 
     Args:
         model: Of the measurements.
@@ -199,28 +212,65 @@ def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
     of_joints = _of_joints(errors)
     if np.any(np.abs(found.belief.x - errors.mean)[of_joints] > INCREDIBLE * errors.sigma[of_joints]):
         return False
-    return found.converged and _left_over(model, found.belief.x, noise) < _PLAUSIBLE
+    if not found.converged or _left_over(model, found.belief.x, noise) >= _PLAUSIBLE:
+        return False
+    odd = [_unexplained(model, x, noise) for x in (found.belief.x, _robust(model, found.belief.x, noise))]
+    return not all(_enough(own) for own in odd)
 
 
-def best_reading_hypothesis(errors: ErrorModel, data: Measurements, noise: Noise) -> Hypothesis | None:
+def best_reading_hypothesis(
+    errors: ErrorModel, data: Measurements, noise: Noise, links: Mapping[str, SE3] | None = None
+) -> Hypothesis | None:
     """The mistake that explains the readings many times better than none does, if there is one.
 
     Args:
         errors: The error model that is to be fitted, before its instruments were placed.
         data: The measurements.
         noise: As stated, or where its estimation starts.
+        links: Where links that are fixed to the reference stand on it, `references.links_of_reference`.
     """
     if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
         return None
-    mistakes = (*mistakes_of_readings(data, beams=False), *mistakes_of_joints(data, errors.chain.inputs))
-    fits = best_of([_trial(errors, data, noise, mistake) for mistake in mistakes], 1.0)
+    mistakes = (
+        *mistakes_of_readings(data, beams=False),
+        *mistakes_of_joints(data, errors.chain.inputs),
+        *mistakes_of_couplings(errors.chain),
+        *mistakes_of_reference(errors, links or {}),
+    )
+    stands = _trial(errors, data, noise, UNTOUCHED)
+    trials = [_trial(errors, data, noise, mistake) for mistake in mistakes]
+    return _named_by(trials, stands) or _named_by_some(trials, stands)
+
+
+def _named_by(trials: Sequence[_Trial], stands: _Trial) -> Hypothesis | None:
+    """The mistake that explains the poses by which the trials are judged, if one does."""
+    fits = best_of(trials, 1.0)
     if not fits or fits[0].scale > _PLAUSIBLE:
         return None
-    named, *others = fits
-    stands = _trial(errors, data, noise, Mistake("", lambda data: data))
+    alike = [fit for fit in fits if fit.cost(1.0) < fits[0].cost(1.0) + _TOLD_APART]
+    alike = [fit for fit in alike if fit.mistake.is_of_setup] or alike  # measurements are not mended that may be right
+    named, *others = alike
     times = times_better(stands.judged(), stands.left, named, 1.0)
-    alike = [fit.undone for fit in others if fit.cost(1.0) < named.cost(1.0) + _TOLD_APART]
-    return Hypothesis(named.undone, times, named.scale, " or with ".join(alike)) if times > 1 else None
+    instead = " or with ".join(fit.mistake.undone for fit in others)
+    return Hypothesis(named.mistake.undone, times, named.scale, instead, way_out=named.mistake.way_out) if times > 1 else None
+
+
+def _named_by_some(trials: Sequence[_Trial], stands: _Trial) -> Hypothesis | None:
+    """The same where a mistake spoils too few poses to move a median: judged by the poses that do not fit as they stand.
+
+    So it is where joints were moved one at a time: all poses but those that move the joint that is read wrongly are right.
+    """
+    odd = stands.unexplained()
+    if not _enough(odd):
+        return None
+    judged, stands = [replace(trial, judges=odd) for trial in trials], replace(stands, judges=odd)
+    found = _named_by([trial for trial in judged if _PROMISING * trial.left < stands.left], stands)
+    return found and replace(found, what=f"{np.count_nonzero(odd)} of {len(odd)} poses fit")
+
+
+def _enough(odd: Mask) -> bool:
+    """Whether poses that do not fit, (n,), are more than a stray reading or two."""
+    return int(np.count_nonzero(odd)) >= max(_LEAST_ODD, _ODD_SHARE * len(odd))
 
 
 @dataclass(frozen=True)
@@ -228,33 +278,56 @@ class _Trial:
     """The measurements with a mistake undone.
 
     Attributes:
-        undone: What was undone.
+        mistake: What was undone.
         model: Of some of them; None where instruments cannot be placed.
         x: The state at which joints and mount are nominal, (p,).
         noise: As stated, or where its estimation starts.
         shrunk: How many times less the joints turn: an arm that hardly moves leaves little over of anything, and explains nothing.
-        left: What the nominal robot leaves over, times that.
+        judges: The poses whose readings are looked at, (n,); all of them if None.
     """
 
-    undone: str
+    mistake: Mistake
     model: Problem | None
     x: Vector
     noise: Noise
     shrunk: float
-    left: float
+    judges: Mask | None = None
+
+    @cached_property
+    def left(self) -> float:
+        """What the nominal robot leaves over, as many times more as joints turn less."""
+        return np.inf if self.model is None else self.shrunk * self._left_over(self.x)
+
+    def _left_over(self, x: Vector) -> float:
+        """Of all poses, and of those that judge."""
+        assert self.model is not None
+        everywhere = _left_over(self.model, x, self.noise)
+        return everywhere if self.judges is None else max(everywhere, _left_over(self.model, x, self.noise, self.judges))
+
+    @cached_property
+    def _fitted(self) -> Vector:
+        """State of a robust fit, (p,)."""
+        assert self.model is not None
+        return _robust(self.model, self.x, self.noise)
+
+    def unexplained(self) -> Mask:
+        """Poses of which a robust fit leaves far more over than the noise, (n,)."""
+        return np.zeros(0, dtype=bool) if self.model is None else _unexplained(self.model, self._fitted, self.noise)
 
     def judged(self) -> Judged:
         """A robust fit; `cost` is what it asks of the joints' priors, chi-squared."""
         if self.model is None:
-            return Judged(self.undone, np.inf, lambda _: np.inf, False)
-        errors = self.model.errors
-        prior = Belief.independent(errors.mean, errors.sigma)
-        x = iteratively_reweighted(Observations.of(self.model.linearise, self.x), prior, self.noise, start=self.x).belief.x
+            return Judged(self.mistake, np.inf, lambda _: np.inf, False)
+        errors, x = self.model.errors, self._fitted
         of_joints = _of_joints(errors)
         pull = float(np.sum(((x - errors.mean)[of_joints] / errors.sigma[of_joints]) ** 2))
         turns = np.abs(x - errors.mean)[of_joints & (np.array(errors.units) == "rad")]
-        left = self.shrunk * _left_over(self.model, x, self.noise)
-        return Judged(self.undone, left, lambda _: pull, not np.any(turns > MOST_JOINT_TURN))
+        sane = not np.any(turns > MOST_JOINT_TURN) and self._spoils_none()
+        return Judged(self.mistake, self.shrunk * self._left_over(x), lambda _: pull, sane)
+
+    def _spoils_none(self) -> bool:
+        """Whether poses that judge are explained, and no others are lost for it."""
+        return self.judges is None or bool(np.count_nonzero(self.unexplained()) * _BETTER <= np.count_nonzero(self.judges))
 
 
 def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistake) -> _Trial:
@@ -263,9 +336,8 @@ def _trial(errors: ErrorModel, data: Measurements, noise: Noise, mistake: Mistak
     try:
         nominal = nominal_fit(errors, some, noise, _QUICK_READINGS)
     except FitRejected:  # a camera that no place suits
-        return _Trial(mistake.undone, None, errors.mean, noise, shrunk, np.inf)
-    model = problem_of(nominal.errors, some, noise)
-    return _Trial(mistake.undone, model, nominal.x, noise, shrunk, shrunk * _left_over(model, nominal.x, noise))
+        return _Trial(mistake, None, errors.mean, noise, shrunk)
+    return _Trial(mistake, problem_of(nominal.errors, some, noise), nominal.x, noise, shrunk)
 
 
 def _turning(errors: ErrorModel, data: Measurements) -> float:
@@ -279,13 +351,37 @@ def _of_joints(errors: ErrorModel) -> Mask:
     return np.array([parameter.kind == "joint" for parameter in errors.parameters], dtype=bool)
 
 
-def _left_over(model: Problem, x: Vector, noise: Noise) -> float:
-    """Robust scale of what is left over at x, in units of the stated or the usual noise, whichever is larger; the worst of the kinds."""
+def _robust(model: Problem, x: Vector, noise: Noise) -> Vector:
+    """State of a robust fit that begins at x, (p,)."""
+    prior = Belief.independent(model.errors.mean, model.errors.sigma)
+    return iteratively_reweighted(Observations.of(model.linearise, x), prior, noise, start=x).belief.x
+
+
+def _left_over(model: Problem, x: Vector, noise: Noise, poses: Mask | None = None) -> float:
+    """Robust scale of what is left over at x, in units of the stated or the usual noise, whichever is larger; the worst of the kinds.
+
+    Of some poses (n,), or of all.
+    """
     linearisation = model.linearise(x)
     if not np.isfinite(linearisation.residual).all():
         return np.inf
+    d2 = _usual_squares(model, linearisation, noise)
+    if poses is not None:
+        d2 = np.where(np.append(poses, np.zeros(len(d2) - len(poses), dtype=bool))[:, None], d2, np.nan)  # known lengths stand behind
+    return float(kind_scales(linearisation, d2).max())
+
+
+def _unexplained(model: Problem, x: Vector, noise: Noise) -> Mask:
+    """Poses with a reading that is left over at x by far more than the usual noise, (n,)."""
+    linearisation = model.linearise(x)
+    n = len(model.data)
+    d2, freedom = _usual_squares(model, linearisation, noise)[:n], degrees(linearisation)[:n]
+    return np.asarray(np.any(np.nan_to_num(d2) > _PLAUSIBLE**2 * freedom, axis=1))
+
+
+def _usual_squares(model: Problem, linearisation: Linearisation, noise: Noise) -> Matrix:
     usual = Noise(np.maximum(noise.sigma, start_sigma(model.data)), noise.joint_sigma)
-    return float(kind_scales(linearisation, mahalanobis_squared(linearisation, usual)).max())
+    return mahalanobis_squared(linearisation, usual)
 
 
 def _some_poses(data: Measurements) -> Measurements:

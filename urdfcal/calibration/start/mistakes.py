@@ -13,14 +13,15 @@ import numpy.typing as npt
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.rotations import matrices
 from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.sensors.conventions import CONJUGATE
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Change
-from urdfcal.sensors.targets import CONJUGATE
 
 Columns = npt.NDArray[np.intp]
 
+MEND = "mend the measurements"
 _LEAST_READ = 0.5  # [rad] or [m] joints that move less than this were not read in degrees or millimetres
 _MOST_READ = 4 * np.pi  # [rad] or [m] no joint is farther from zero
 
@@ -32,10 +33,20 @@ class Mistake:
     Attributes:
         undone: What undoes it, to be read behind "with".
         change: The same, as a function of the measurements.
+        way_out: What the user can do; nothing more where `undone` says it.
     """
 
     undone: str
     change: Callable[[Measurements], Measurements]
+    way_out: str = MEND
+
+    @property
+    def is_of_setup(self) -> bool:
+        """Whether the measurements are right, and what was said of them is not."""
+        return self.way_out != MEND
+
+
+UNTOUCHED = Mistake("", lambda data: data)
 
 
 def mistakes_of_joints(data: Measurements, joints: Sequence[UrdfJoint]) -> Iterator[Mistake]:

@@ -1,8 +1,9 @@
 """A lens from views of a board: OpenCV's bundle adjustment, views that do not fit left out, the model chosen by evidence.
 
-Outlier views: a view whose RMS is more than `OUTLIER` times the views' median is left out, the worst first, and the lens is fitted again,
-until none is or `FEWEST` are left. Evidence: Schwarz's BIC = n ln(rss / n) + p ln n over the n corner coordinates; the three more
-numbers of the rational model must lower it by more than `DECISIVE` (Kass and Raftery 1995: "strong").
+Views scatter unlike each other: blurred, far and oblique ones more, and weigh less for it (`bundle.py`). Wrong views: one whose RMS is
+more than `OUTLIER` times the views' median and `LEAST_WRONG_PX` as well, which no corner that was found rightly is off by, is left out,
+the worst first, and the lens is fitted again, until none is or `FEWEST` are left. Evidence: Schwarz's BIC over the corner coordinates; the
+three more numbers of the rational model must lower it by more than `DECISIVE`.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.errors import InputError
-from urdfcal.base.geometry import SE3, Matrix, Vector
+from urdfcal.base.geometry import SE3, Vector
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens, projected
+from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens
 from urdfcal.vision.camera.boards import BoardView
+from urdfcal.vision.camera.bundle import DECISIVE, Bundle, bic_of, covariance_of, with_variances
 
 FEWEST = 3  # views
-OUTLIER = 2.5
-DECISIVE = 6.0
+OUTLIER, LEAST_WRONG_PX = 6.0, 0.5
 WORST_RMS_PX = 5.0
 _SETTLED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
 
@@ -89,7 +90,7 @@ def _without_outliers(views: Sequence[BoardView], size: tuple[int, int], lens: L
     while True:
         fit = _fit(kept, size, lens)
         worst = int(fit.view_rms.argmax())
-        if fit.view_rms[worst] <= OUTLIER * np.median(fit.view_rms) or len(kept) <= FEWEST:
+        if fit.view_rms[worst] <= max(OUTLIER * np.median(fit.view_rms), LEAST_WRONG_PX) or len(kept) <= FEWEST:
             return replace(fit, dropped=tuple(dropped))
         dropped.append((kept[worst].name, float(fit.view_rms[worst])))
         del kept[worst]
@@ -107,7 +108,8 @@ def _fit(views: Sequence[BoardView], size: tuple[int, int], lens: Lens) -> LensF
         why = str(error.err).strip()
         raise InputError(f"no {lens} lens explains the views ({why}); take views that fill the picture, tilted by 20 to 40 deg") from None
     poses = tuple(pin.SE3(pin.exp3(turn.ravel()), shift.ravel().astype(float)) for turn, shift in zip(turns, shifts, strict=True))
-    return _judged(views, size, lens, np.asarray(matrix), distortion.ravel()[: len(DISTORTION_NAMES[lens])].astype(float), poses)
+    numbers = distortion.ravel()[: len(DISTORTION_NAMES[lens])].astype(float)
+    return _judged(with_variances(Bundle(tuple(views), lens, np.asarray(matrix), numbers, poses, np.ones(len(views)))), size)
 
 
 def _opencv(views: Sequence[BoardView], size: tuple[int, int], lens: Lens) -> tuple[Any, Any, Any, Any]:
@@ -123,30 +125,14 @@ def _opencv(views: Sequence[BoardView], size: tuple[int, int], lens: Lens) -> tu
     return cv2.calibrateCamera(points, pixels, size, *blank, flags=flags, criteria=_SETTLED)[1:]
 
 
-def _judged(
-    views: Sequence[BoardView], size: tuple[int, int], lens: Lens, matrix: Matrix, distortion: Vector, poses: tuple[SE3, ...]
-) -> LensFit:
-    """What the residual says: RMS, BIC and the covariance of the lens, the poses eliminated (Schur complement)."""
-    numbers = 4 + len(distortion)
-    information, squares = np.zeros((numbers, numbers)), []
-    for view, pose in zip(views, poses, strict=True):
-        seen, by_point, by_lens = projected(view.points @ pose.rotation.T + pose.translation, matrix, distortion, lens)
-        if not np.isfinite(seen).all():
-            raise InputError(f"no {lens} lens explains the views: {view.name} lies outside the model's range")
-        squares.append(((seen - view.pixels) ** 2).sum(axis=1))
-        twist = np.concatenate(
-            [np.broadcast_to(np.eye(3), (len(seen), 3, 3)), -np.array([pin.skew(point) for point in view.points])], axis=2
-        )
-        by_pose, by_lens = (by_point @ pose.rotation @ twist).reshape(-1, 6), by_lens.reshape(-1, numbers)
-        mixed = by_lens.T @ by_pose
-        information += by_lens.T @ by_lens - mixed @ np.linalg.pinv(by_pose.T @ by_pose) @ mixed.T
-    total, count = float(sum(square.sum() for square in squares)), 2 * sum(len(square) for square in squares)
-    variance = total / max(count - numbers - 6 * len(views), 1)
-    scale = 1 / np.sqrt(np.diag(information))
-    covariance = variance * scale[:, None] * np.linalg.pinv(scale[:, None] * information * scale, hermitian=True) * scale
-    camera = Camera(size, matrix, distortion, lens, rms=float(np.sqrt(2 * total / count)), lens_covariance=covariance)
-    bic = count * np.log(total / count) + numbers * np.log(count)
-    return LensFit(camera, tuple(views), poses, np.array([np.sqrt(square.mean()) for square in squares]), (), {lens: float(bic)})
+def _judged(bundle: Bundle, size: tuple[int, int]) -> LensFit:
+    """What the residual says: RMS, BIC and the covariance of the lens."""
+    looks = bundle.looks()
+    squares = [(look.residual.reshape(-1, 2) ** 2).sum(axis=1) for look in looks]
+    rms, view_rms = np.sqrt(np.concatenate(squares).mean()), np.array([np.sqrt(square.mean()) for square in squares])
+    covariance = covariance_of(bundle, looks)
+    camera = Camera(size, bundle.matrix, bundle.distortion, bundle.lens, rms=float(rms), lens_covariance=covariance)
+    return LensFit(camera, bundle.views, bundle.poses, view_rms, (), {bundle.lens: bic_of(bundle, looks)})
 
 
 def _require_sense(fit: LensFit) -> None:
