@@ -10,9 +10,9 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.calibration.error_table import error_table
+from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
-from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, without_gross_outliers
+from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, within_reach, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
@@ -125,7 +125,7 @@ def fit(
 
 
 def with_test(calibration: Result, test: Measurements) -> Result:
-    """The same calibration with the distances of test poses.
+    """The same calibration with the distances of test poses: of all their readings, and beside it without gross outliers.
 
     Raises:
         UsageError: a test pose belongs to a session that was not fitted, so that its screen's placement is unknown, or was measured with
@@ -140,9 +140,20 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     test = widened(test, calibration.extra_noise)
     noise = calibration.estimate.noise
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
-    model, outliers = without_gross_outliers(problem_of(test_errors, test, noise), calibration.estimate)
-    tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
-    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+    whole = problem_of(test_errors, test, noise)
+    trimmed, outliers = without_gross_outliers(whole, calibration.estimate)
+    measured = within_reach(whole, x) if outliers else whole
+
+    def tables(model: Problem) -> tuple[SpotTable, SpotTable]:
+        return calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
+
+    return replace(
+        calibration,
+        test=tables(measured),
+        test_data=measured.data,
+        test_outliers=outliers,
+        test_trimmed=tables(trimmed) if outliers else None,
+    )
 
 
 def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> None:
@@ -271,6 +282,7 @@ class FitTask:
             outliers=clean.outliers,
             measured=clean.measured,
             beyond=clean.beyond,
+            regained=clean.regained,
             together=clean.together,
             evidence=scaled.evidence,
             after=error_table(linearisation, len(data)),

@@ -8,7 +8,7 @@ without them.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,12 +40,14 @@ class Outlier:
         distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen,
             or where it is no length.
         reason: Why it was left out, in words.
+        kind: `far` off, `missed` the screen in the model, or `exchanged` with another beam.
     """
 
     pose: str
     laser: str
     distance_mm: float | None
     reason: str
+    kind: Literal["far", "missed", "exchanged"] = "far"
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class CleanFit:
         outliers: What was left out or mended.
         measured: All that was measured, beams that were read for each other exchanged.
         beyond: What had to be in the model beside geometry for some readings to be no outliers.
+        regained: How many these are.
         together: Where readings that the fit could not explain lie together, in words.
     """
 
@@ -66,6 +69,7 @@ class CleanFit:
     measured: Measurements
     outliers: tuple[Outlier, ...] = ()
     beyond: tuple[str, ...] = ()
+    regained: int = 0
     together: tuple[str, ...] = ()
 
 
@@ -91,12 +95,13 @@ class _Apart:
     Attributes:
         estimate: The fit without them.
         kept: What is none, (n, blocks).
-        beyond, together: As of a `CleanFit`.
+        beyond, regained, together: As of a `CleanFit`.
     """
 
     estimate: Estimate
     kept: Mask
     beyond: tuple[str, ...] = ()
+    regained: int = 0
     together: tuple[str, ...] = ()
 
 
@@ -132,13 +137,17 @@ def fit_without_outliers(
     clean, kept = apart.estimate, apart.kept
     history = clean.history if clean is first else [*first.history, *clean.history[1:]]
     outliers = (*swaps, *_left_out(model, clean, kept))
-    return CleanFit(_of_kept(model, kept), replace(clean, history=history), model.data, outliers, apart.beyond, apart.together)
+    clean = replace(clean, history=history)
+    return CleanFit(_of_kept(model, kept), clean, model.data, outliers, apart.beyond, apart.regained, apart.together)
 
 
 def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
     """The same once models were asked that have more in them than geometry."""
     judged = judged_by_more(Judged(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
-    return _keeping(judged.kept, replace(apart, beyond=judged.names), model, prior, noise) if judged.names else apart
+    if not judged.names:
+        return apart
+    regained = int(np.count_nonzero(judged.kept & ~apart.kept))
+    return _keeping(judged.kept, replace(apart, beyond=judged.names, regained=regained), model, prior, noise)
 
 
 def _judged_by_nominal(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
@@ -171,10 +180,21 @@ def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tu
         model: Of poses that were not fitted.
         found: The fit.
     """
-    if len(found.belief.x) != len(model.errors.names):
-        return model, ()
-    out = gross_outliers(Observations.of(model.linearise, found.belief.x), found)
+    out = gross_mask(model, found)
     return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
+
+
+def gross_mask(model: Problem, found: Estimate) -> Mask:
+    """Which readings these are, (n, blocks); none where the model is not that of the fit, since places in it were new."""
+    if len(found.belief.x) != len(model.errors.names):
+        return np.zeros((len(model.data), len(model.blocks)), dtype=bool)
+    return gross_outliers(Observations.of(model.linearise, found.belief.x), found)
+
+
+def within_reach(model: Problem, x: Vector) -> Problem:
+    """The model without beams that do not meet the screen at x, which have no distance."""
+    lost = model.linearise(x).lost
+    return model if lost is None or not lost.any() else _of_kept(model, ~lost)
 
 
 def _of_kept(model: Problem, kept: Mask) -> Problem:
@@ -205,7 +225,7 @@ def _with_swaps_undone(model: Problem, clean: Estimate) -> tuple[Measurements, t
         for each in (spots, sigma):
             each[pose, [one, other]] = each[pose, [other, one]]
         words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
-        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
+        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words, "exchanged"))
     return data.with_spots(spots, sigma), tuple(swaps)
 
 
@@ -220,7 +240,8 @@ def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...
             away = float(np.linalg.norm(linearisation.residual[pose, block.columns])) / size
             others = "the other spots" if model.channels[index].sensor.name == "spot" else "the other readings"
             words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
-        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
+        kind: Literal["far", "missed"] = "missed" if lost[pose, index] else "far"
+        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words, kind))
     return tuple(outliers)
 
 

@@ -19,6 +19,7 @@ from urdfcal.estimation.ekf import STOPS, Belief, Estimate
 from urdfcal.estimation.evidence import Evidence
 from urdfcal.estimation.identifiability import Identifiability
 from urdfcal.estimation.noise import LEAST_FREEDOM, Misfit, Noise
+from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
@@ -47,6 +48,7 @@ class CrossValidation:
         fold_rms: RMS distance over the held-out poses of each fold, (folds,), in the main unit of the tables.
         spots: Whether nothing but spots was measured.
         rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
+        left_out: Residuals of all poses, each predicted without it: calibrated, and with the nominal robot.
     """
 
     before: SpotTable
@@ -54,6 +56,7 @@ class CrossValidation:
     fold_rms: Vector
     rejected: tuple[str, ...]
     spots: bool = True
+    left_out: tuple[Linearisation, Linearisation] | None = None
 
     @property
     def folds(self) -> int:
@@ -89,6 +92,7 @@ class FitResult:
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
         measured: The fitted poses with all that was read, outliers included.
         beyond: What had to be in the model beside geometry, as `sag`, for some readings to be no outliers.
+        regained: How many these are.
         together: Where readings that the fit could not explain lie together, in words: scattered bad readings do not.
         test_trimmed: Distances of the test poses without their gross outliers: (before, after); None where there are none.
     """
@@ -116,6 +120,7 @@ class FitResult:
     extra_noise: Mapping[str, float] = field(default_factory=dict)
     measured: Measurements | None = None
     beyond: tuple[str, ...] = ()
+    regained: int = 0
     together: tuple[str, ...] = ()
     test_trimmed: tuple[SpotTable, SpotTable] | None = None
 

@@ -3,11 +3,12 @@
 A gate under a model that is too poor takes good readings for bad ones: an arm that sags, seen upright in a few poses, is off there by
 many times the scatter of all others. So what geometry cannot explain is judged again under models that have more in them, one after
 the other: the joints' sag under gravity, the scale and the eccentricity of their encoders, the direction from which they came. A model
-is believed if it keeps more readings, and if among those that it keeps the log evidence
+is believed if the log evidence
 
     log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det(1 + P0^1/2 J'R^-1 J P0^1/2)] + constant   (Laplace)
 
-rises by more than LEAST_GAIN over the poorer model's of the same readings. Readings that are off at random no such model explains.
+is larger by more than LEAST_GAIN than the poorer model's of the same readings: of all that it keeps, or of those that both keep where
+it keeps fewer, since what it explains leaves less noise for bad readings to hide in. Scattered bad readings no such model explains.
 """
 
 from __future__ import annotations
@@ -83,11 +84,12 @@ def judged_by_more(geometry: Judged, robot: Robot, noise: Noise, gravity: Gravit
 
 
 def _better(best: Judged, other: Judged | None, noise: Noise) -> Judged:
-    """The other if it keeps more, and the data ask for it."""
-    if other is None or not np.count_nonzero(other.kept) > np.count_nonzero(best.kept):
+    """The other if the data ask for it."""
+    if other is None:
         return best
-    gain = other.evidence_of(other.kept, noise) - best.evidence_of(other.kept, noise)
-    return other if gain > LEAST_GAIN else best
+    more = np.count_nonzero(other.kept) > np.count_nonzero(best.kept)
+    kept = other.kept if more else other.kept & best.kept
+    return other if other.evidence_of(kept, noise) > best.evidence_of(kept, noise) + LEAST_GAIN else best
 
 
 def _with_sag(geometry: Judged, robot: Robot, pull: Gravity, noise: Noise) -> Judged | None:

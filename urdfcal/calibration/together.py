@@ -85,7 +85,7 @@ def _poses(data: Measurements, out: Mask) -> _Poses | None:
 
 def _compared(chain: Chain, data: Measurements, poses: _Poses) -> Iterator[tuple[float, str]]:
     """How likely chance is, and words for it, for everything in which outliers may lie together."""
-    near = _nearest(poses.q)
+    near = nearest(poses.q, _NEIGHBOURS)
     yield _chance(_joined(poses.out[None], near), _joined(poses.drawn, near)), "in joint space"
     order = np.arange(len(poses.q))
     usual = _stretches(poses.drawn, order)
@@ -104,11 +104,16 @@ def _chance(found: Vector, drawn: Vector) -> float:
     return float((1 + np.count_nonzero(drawn >= found[0])) / (1 + len(drawn)))
 
 
-def _nearest(q: Matrix) -> Rows:
-    """The nearest other poses of each, (n, neighbours), every joint in units of its own spread."""
+def nearest(q: Matrix, count: int) -> Rows:
+    """The nearest other poses of each, (n, count), every joint in units of its own spread.
+
+    Args:
+        q: Joint positions, (n, inputs), [rad] or [m].
+        count: How many neighbours, at most n - 1.
+    """
     spread = q.std(axis=0)
     scaled = q[:, spread > _SAME] / spread[spread > _SAME]
-    count = min(_NEIGHBOURS, len(q) - 1)
+    count = min(count, len(q) - 1)
     rows = []
     for part in np.array_split(np.arange(len(q)), ceil(len(q) / _AT_ONCE)):
         far = (scaled[part] ** 2).sum(axis=1)[:, None] + (scaled**2).sum(axis=1) - 2 * scaled[part] @ scaled.T

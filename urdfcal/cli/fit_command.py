@@ -208,6 +208,7 @@ def fit(
         "gated": gate,
         "evidence": by_the_data(prior),
         "sane": sanity,
+        "gravity": wish.stated,
     }
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done

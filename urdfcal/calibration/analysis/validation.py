@@ -98,7 +98,8 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         after.take(linearisation, held)
         rms.append(rms_of(error_table(linearisation, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
-    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots)
+    left_out = None if before.whole is None or after.whole is None else (after.whole, before.whole)
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots, left_out)
 
 
 class _Gathered:
