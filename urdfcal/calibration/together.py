@@ -77,9 +77,9 @@ def _poses(data: Measurements, out: Mask) -> _Poses | None:
         return None
     rows = seen[np.sort(first)]
     rng, n, k = np.random.default_rng(0), len(apart), int(apart.sum())
+    lots = rng.random((_DRAWS, n), dtype=np.float32)
     drawn = np.zeros((_DRAWS, n), dtype=bool)
-    for draw in drawn:
-        draw[rng.choice(n, k, replace=False, shuffle=False)] = True
+    np.put_along_axis(drawn, np.argpartition(lots, k - 1, axis=1)[:, :k], True, axis=1)
     return _Poses(data.q[rows], np.unique(data.sessions[rows], return_inverse=True)[1].ravel(), apart, drawn)
 
 

@@ -111,10 +111,15 @@ class _Gathered:
 
     def take(self, linearisation: Linearisation, rows: Rows) -> None:
         """Put the residuals of some poses in their places."""
+        own = linearisation.of_poses(len(rows))
         if self.whole is None:
-            blank = np.zeros((self.poses, linearisation.residual.shape[1]))
-            self.whole = replace(linearisation, residual=blank, measured=blank > 0)
-        self.whole.residual[rows], self.whole.measured[rows] = linearisation.residual[: len(rows)], linearisation.measured[: len(rows)]
+            n, m, blocks = self.poses, own.residual.shape[1], len(own.blocks)
+            blank, none, lost = np.zeros((n, m)), np.empty((n, m, 0)), np.zeros((n, blocks), dtype=bool)
+            self.whole = Linearisation(blank, none, none, blank > 0, np.full((n, m), np.nan), own.blocks, lost)
+        whole = self.whole
+        whole.residual[rows], whole.measured[rows], whole.stated_sigma[rows] = own.residual, own.measured, own.stated_sigma
+        if own.lost is not None and whole.lost is not None:
+            whole.lost[rows] = own.lost
 
     def table(self) -> SpotTable:
         """Distances over all poses."""
