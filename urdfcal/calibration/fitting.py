@@ -10,10 +10,10 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.calibration.error_table import error_table
+from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
 from urdfcal.calibration.known_joints import joints_of, require_written
-from urdfcal.calibration.outliers import CleanFit, fit_without_outliers, without_gross_outliers
+from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, within_reach, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
@@ -36,6 +36,7 @@ from urdfcal.estimation.robust import degrees, kind_scales, mahalanobis_squared,
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
+from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
 from urdfcal.robot.robot import Robot
@@ -78,6 +79,7 @@ def fit(
     after: EarlierJoints | FitResult | None = None,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
+    gravity: Gravity | None = None,
 ) -> FitResult:
     """Calibrate a robot from laser spots, points, poses, distances, touches, pixels, or all of them together.
 
@@ -110,6 +112,7 @@ def fit(
             have, and the joints that it alone has follow what is learned of those.
         rng: For `evolution`; seeded by default.
         test: Further poses to evaluate.
+        gravity: Where down is, and what is carried, for outliers to be judged with sag; along an axis of the root link if None.
 
     Raises:
         UsageError: an option means nothing here.
@@ -129,14 +132,16 @@ def fit(
     fit_set, test_set = fit_and_test(data, test)
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
-    task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
+    task = FitTask(
+        as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane, gravity
+    )
     found = task.fitted(fit_set) if method.as_published else fitted_with_extra_noise(task, fit_set)
     found = replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise)))
     return found if test_set is None else with_test(found, test_set)
 
 
 def with_test(calibration: Result, test: Measurements) -> Result:
-    """The same calibration with the distances of test poses.
+    """The same calibration with the distances of test poses: of all their readings, and beside it without gross outliers.
 
     Raises:
         UsageError: a test pose belongs to a session that was not fitted, so that the placement of its screen or measuring frame is
@@ -152,9 +157,20 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     test = widened(test, calibration.extra_noise)
     noise = calibration.estimate.noise
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
-    model, outliers = without_gross_outliers(problem_of(test_errors, test, noise), calibration.estimate)
-    tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
-    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+    whole = problem_of(test_errors, test, noise)
+    trimmed, outliers = without_gross_outliers(whole, calibration.estimate)
+    measured = within_reach(whole, x) if outliers else whole
+
+    def tables(model: Problem) -> tuple[SpotTable, SpotTable]:
+        return calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
+
+    return replace(
+        calibration,
+        test=tables(measured),
+        test_data=measured.data,
+        test_outliers=outliers,
+        test_trimmed=tables(trimmed) if outliers else None,
+    )
 
 
 def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> None:
@@ -215,6 +231,7 @@ class FitTask:
         joint_sigma: Noise of every joint reading, (inputs,), [rad] or [m].
         evidence: Whether the data may choose the scales of the joints' priors.
         sane: Whether data with a common mistake in them are refused.
+        gravity: Where down is, and what is carried, for outliers to be judged with sag; None where nothing was said.
     """
 
     robot: Robot
@@ -225,6 +242,7 @@ class FitTask:
     joint_sigma: Vector
     evidence: bool
     sane: bool
+    gravity: Gravity | None = None
 
     def fitted(self, data: Measurements) -> FitResult:
         """What some measurements say.
@@ -238,7 +256,7 @@ class FitTask:
         first = self._first(nominal, data, noise)
         if self.sane and not self.method.as_published:
             require_sane_readings(self.robot, errors, first.model, first.found, noise)
-        clean = first.without_outliers(noise)
+        clean = first.without_outliers(noise, Judge(self.robot, nominal, self.gravity))
         scaled = self._scaled(first, clean, noise)
         return self._result(nominal, first, clean, scaled, tuple(filter(None, (no_scale, first.message))))
 
@@ -283,6 +301,10 @@ class FitTask:
             nominal=nominal,
             freedom=freedom,
             outliers=clean.outliers,
+            measured=clean.measured,
+            beyond=clean.beyond,
+            regained=clean.regained,
+            together=clean.together,
             evidence=scaled.evidence,
             after=error_table(linearisation, len(data)),
             test=None,
@@ -322,16 +344,16 @@ class _First:
     found: Estimate
     message: str = ""
 
-    def without_outliers(self, noise: Noise) -> CleanFit:
+    def without_outliers(self, noise: Noise, judge: Judge) -> CleanFit:
         """The same without what it cannot explain, if the method tells outliers apart.
 
         Raises:
             FitRejected: a beam that was seen does not meet the screen in the model.
         """
         if self.method.gates:
-            clean = fit_without_outliers(self.method, self.model, self.prior, noise, self.found)
+            clean = fit_without_outliers(self.method, self.model, self.prior, noise, self.found, judge)
         else:
-            clean = CleanFit(self.model, self.found)
+            clean = CleanFit(self.model, self.found, self.model.data)
         if len(clean.estimate.history) == 1:
             require_beams_on_screen(self.model, self.x)
         return clean

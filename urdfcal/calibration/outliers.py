@@ -1,21 +1,29 @@
 """Observations that a fit cannot explain: told apart, left out or mended, and named.
 
-`robust.py` says which they are; here they become words, and the measurements are fitted again without them.
+`robust.py` says which they are for a model, `richer.py` under which model that is asked, and `nominal_explains.py` which of them the
+nominal robot has where they were read, so that the fit is to blame. Here they become words, and the measurements are fitted again
+without them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from urdfcal.base.geometry import MM, Mask, Vector
+from urdfcal.calibration.nominal_explains import explained_by_nominal
 from urdfcal.calibration.problem import Problem
-from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.calibration.richer import Judged, judged_by_more
+from urdfcal.calibration.start.nominal import NominalFit
+from urdfcal.calibration.together import lie_together
+from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.robust import Observations, gate, gross_outliers, inliers
+from urdfcal.model.gravity import Gravity
+from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import UNITS
 
@@ -32,12 +40,14 @@ class Outlier:
         distance_mm: Distance from where the calibrated robot has it; None where it has none, since the beam does not meet the screen,
             or where it is no length.
         reason: Why it was left out, in words.
+        kind: `far` off, `missed` the screen in the model, or `exchanged` with another beam.
     """
 
     pose: str
     laser: str
     distance_mm: float | None
     reason: str
+    kind: Literal["far", "missed", "exchanged"] = "far"
 
 
 @dataclass(frozen=True)
@@ -48,17 +58,60 @@ class CleanFit:
         model: Of the data that were kept.
         estimate: The fit of those.
         outliers: What was left out or mended.
+        measured: All that was measured, beams that were read for each other exchanged.
+        beyond: What had to be in the model beside geometry for some readings to be no outliers.
+        regained: How many these are.
+        together: Where readings that the fit could not explain lie together, in words.
     """
 
     model: Problem
     estimate: Estimate
+    measured: Measurements
     outliers: tuple[Outlier, ...] = ()
+    beyond: tuple[str, ...] = ()
+    regained: int = 0
+    together: tuple[str, ...] = ()
 
 
-def fit_without_outliers(method: Method, model: Problem, prior: Belief, noise: Noise, first: Estimate) -> CleanFit:
+@dataclass(frozen=True)
+class Judge:
+    """What outliers are judged by beside the fit itself.
+
+    Attributes:
+        robot: The nominal robot, as it was measured.
+        nominal: The same with its instruments placed.
+        gravity: Where down is, and what is carried; None where nothing was said.
+    """
+
+    robot: Robot
+    nominal: NominalFit
+    gravity: Gravity | None = None
+
+
+@dataclass(frozen=True)
+class _Apart:
+    """Outliers told apart.
+
+    Attributes:
+        estimate: The fit without them.
+        kept: What is none, (n, blocks).
+        beyond, regained, together: As of a `CleanFit`.
+    """
+
+    estimate: Estimate
+    kept: Mask
+    beyond: tuple[str, ...] = ()
+    regained: int = 0
+    together: tuple[str, ...] = ()
+
+
+def fit_without_outliers(
+    method: Method, model: Problem, prior: Belief, noise: Noise, first: Estimate, judge: Judge | None = None
+) -> CleanFit:
     """Take out what the fit cannot explain and refit; beams that were read for each other are exchanged before.
 
     The robust estimator has weighed outliers down already: its estimate stands, and they are named and left out of the tables.
+    It does not stand where readings that it weighed down are none.
 
     Args:
         method: How to fit again.
@@ -66,19 +119,56 @@ def fit_without_outliers(method: Method, model: Problem, prior: Belief, noise: N
         prior: Before the data.
         noise: As stated, or where to start.
         first: Fit of all the data.
+        judge: What else outliers are judged by; the fit alone if None.
     """
     clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
-        return CleanFit(model, clean)
+        return CleanFit(model, clean, model.data)
     mended, swaps = _with_swaps_undone(model, clean)
     if swaps:
         model = model.with_data(mended)
         first = method.run(model.linearise, prior, noise)
         clean, kept = _told_apart(method, model, prior, noise, first)
     if kept is None:
-        return CleanFit(model, clean, swaps)
+        return CleanFit(model, clean, model.data, swaps)
+    apart = _Apart(clean, kept)
+    if judge is not None:
+        apart = _judged_by_nominal(judge, _judged_by_more(judge, apart, model, prior, noise), model, prior, noise)
+    clean, kept = apart.estimate, apart.kept
     history = clean.history if clean is first else [*first.history, *clean.history[1:]]
-    return CleanFit(_of_kept(model, kept), replace(clean, history=history), (*swaps, *_left_out(model, clean, kept)))
+    outliers = (*swaps, *_left_out(model, clean, kept))
+    clean = replace(clean, history=history)
+    return CleanFit(_of_kept(model, kept), clean, model.data, outliers, apart.beyond, apart.regained, apart.together)
+
+
+def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
+    """The same once models were asked that have more in them than geometry."""
+    judged = judged_by_more(Judged(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
+    if not judged.names:
+        return apart
+    regained = int(np.count_nonzero(judged.kept & ~apart.kept))
+    return _keeping(judged.kept, replace(apart, beyond=judged.names, regained=regained), model, prior, noise)
+
+
+def _judged_by_nominal(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
+    """The same without readings that the nominal robot explains better than the calibrated one."""
+    data, n = model.data, len(model.data)
+    here = model.linearise(apart.estimate.belief.x).of_poses(n)
+    out = here.made & ~apart.kept[:n]
+    if not out.any():
+        return apart
+    together = lie_together(model.errors.chain, data, np.asarray(out.any(axis=1)))
+    back = explained_by_nominal(here, judge.nominal.linearise(data).of_poses(n), apart.estimate.noise, out, bool(together))
+    apart, kept = replace(apart, together=together), apart.kept.copy()
+    kept[:n] |= back
+    return _keeping(kept, apart, model, prior, noise) if back.any() else apart
+
+
+def _keeping(kept: Mask, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
+    """The same with a fit of what is kept now, and that is by least squares: weights that the poorer judgement gave were wrong."""
+    observed = Observations.of(model.linearise, apart.estimate.belief.x)
+    found = iterated_schedule(lambda x: observed.at(x, kept), prior, noise, start=apart.estimate.belief.x)
+    return replace(apart, estimate=found, kept=kept) if found.converged else apart
 
 
 def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tuple[Outlier, ...]]:
@@ -90,10 +180,21 @@ def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tu
         model: Of poses that were not fitted.
         found: The fit.
     """
-    if len(found.belief.x) != len(model.errors.names):
-        return model, ()
-    out = gross_outliers(Observations.of(model.linearise, found.belief.x), found)
+    out = gross_mask(model, found)
     return (_of_kept(model, ~out), _left_out(model, found, ~out)) if out.any() else (model, ())
+
+
+def gross_mask(model: Problem, found: Estimate) -> Mask:
+    """Which readings these are, (n, blocks); none where the model is not that of the fit, since places in it were new."""
+    if len(found.belief.x) != len(model.errors.names):
+        return np.zeros((len(model.data), len(model.blocks)), dtype=bool)
+    return gross_outliers(Observations.of(model.linearise, found.belief.x), found)
+
+
+def within_reach(model: Problem, x: Vector) -> Problem:
+    """The model without beams that do not meet the screen at x, which have no distance."""
+    lost = model.linearise(x).lost
+    return model if lost is None or not lost.any() else _of_kept(model, ~lost)
 
 
 def _of_kept(model: Problem, kept: Mask) -> Problem:
@@ -124,7 +225,7 @@ def _with_swaps_undone(model: Problem, clean: Estimate) -> tuple[Measurements, t
         for each in (spots, sigma):
             each[pose, [one, other]] = each[pose, [other, one]]
         words = f"{data.lasers[one]} and {data.lasers[other]} were read for each other; they were exchanged"
-        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words))
+        swaps.append(Outlier(data.where(pose), data.lasers[one], _distance_mm(data, predicted, pose, one), words, "exchanged"))
     return data.with_spots(spots, sigma), tuple(swaps)
 
 
@@ -139,7 +240,8 @@ def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...
             away = float(np.linalg.norm(linearisation.residual[pose, block.columns])) / size
             others = "the other spots" if model.channels[index].sensor.name == "spot" else "the other readings"
             words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
-        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words))
+        kind: Literal["far", "missed"] = "missed" if lost[pose, index] else "far"
+        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words, kind))
     return tuple(outliers)
 
 

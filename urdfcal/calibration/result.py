@@ -19,6 +19,7 @@ from urdfcal.estimation.ekf import STOPS, Belief, Estimate
 from urdfcal.estimation.evidence import Evidence
 from urdfcal.estimation.identifiability import Identifiability
 from urdfcal.estimation.noise import LEAST_FREEDOM, Misfit, Noise
+from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
@@ -47,6 +48,7 @@ class CrossValidation:
         fold_rms: RMS distance over the held-out poses of each fold, (folds,), in the main unit of the tables.
         spots: Whether nothing but spots was measured.
         rejected: Why each fold that must not be trusted was rejected; its poses count all the same.
+        left_out: Residuals of all poses, each predicted without it: calibrated, and with the nominal robot.
     """
 
     before: SpotTable
@@ -54,6 +56,7 @@ class CrossValidation:
     fold_rms: Vector
     rejected: tuple[str, ...]
     spots: bool = True
+    left_out: tuple[Linearisation, Linearisation] | None = None
 
     @property
     def folds(self) -> int:
@@ -71,7 +74,8 @@ class FitResult:
         estimate: Belief, stop reason, noise and history of the estimator.
         identifiability: What the data decided.
         before, after: Spot distances of the fitted poses with the nominal and with the calibrated robot.
-        test: The same of the test poses, if there are any: (before, after).
+        test: The same of all readings of the test poses, if there are any: (before, after); beams that do not meet the screen have no
+            distance.
         chi_squared: Squared whitened residuals over their degrees of freedom.
         freedom: Those degrees: numbers measured or known beforehand, less the parameters that they decide.
         data: The poses that were fitted.
@@ -81,11 +85,16 @@ class FitResult:
         warnings: What the user ought to know.
         evidence: Prior scales that the data chose, if they were asked.
         outliers: Spots that were left out of fit and table, and beams that were exchanged.
-        test_outliers: Gross outliers among the test poses, left out of their table.
+        test_outliers: Gross outliers among the test poses.
         folds: Distances of poses that were left out in turn; None if it was not asked.
         misfits: Chi-squared by kind of reading.
         extra_noise: What readings scatter beyond what their columns state, by kind, [m], [rad] or [px].
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
+        measured: The fitted poses with all that was read, outliers included.
+        beyond: What had to be in the model beside geometry, as `sag`, for some readings to be no outliers.
+        regained: How many these are.
+        together: Where readings that the fit could not explain lie together, in words: scattered bad readings do not.
+        test_trimmed: Distances of the test poses without their gross outliers: (before, after); None where there are none.
     """
 
     robot: Robot
@@ -109,6 +118,11 @@ class FitResult:
     test_outliers: tuple[Outlier, ...] = ()
     folds: CrossValidation | None = None
     extra_noise: Mapping[str, float] = field(default_factory=dict)
+    measured: Measurements | None = None
+    beyond: tuple[str, ...] = ()
+    regained: int = 0
+    together: tuple[str, ...] = ()
+    test_trimmed: tuple[SpotTable, SpotTable] | None = None
 
     @property
     def x(self) -> Vector:

@@ -215,6 +215,7 @@ def fit(
         "evidence": by_the_data(prior),
         "sane": sanity,
         "after": earlier_joints(after, unmeasured),
+        "gravity": wish.stated,
     }
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done

@@ -134,6 +134,11 @@ class SagWish:
     estimate: bool
     extras: tuple[str, ...]
 
+    @property
+    def stated(self) -> Gravity | None:
+        """Gravity and payloads as far as the user said anything of them."""
+        return None if self.estimate or self.gravity == Gravity() else self.gravity
+
     def cautions(self, calibration: Calibration) -> list[str]:
         """What the user asked about sag, and will not be told."""
         asked = self.wanted and (self.extras or self.estimate or self.gravity != Gravity())

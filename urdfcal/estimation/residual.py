@@ -78,6 +78,18 @@ class Linearisation:
             lost=None if self.lost is None else self.lost & ~out,
         )
 
+    def of_poses(self, count: int) -> Linearisation:
+        """The first rows alone: those of poses, without what is known beforehand."""
+        return replace(
+            self,
+            residual=self.residual[:count],
+            jacobian=self.jacobian[:count],
+            joint_jacobian=self.joint_jacobian[:count],
+            measured=self.measured[:count],
+            stated_sigma=self.stated_sigma[:count],
+            lost=None if self.lost is None else self.lost[:count],
+        )
+
     @property
     def block_of(self) -> Kinds:
         """Which block each number of a pose belongs to, (m,)."""

@@ -301,6 +301,19 @@ def gross_outliers(observed: Observations, found: Estimate) -> Mask:
     return np.zeros_like(out) if observed.too_few(~out) else out
 
 
+def conceivable(observed: Observations, found: Estimate) -> Mask:
+    """Which observations chance could have put where they are, parameters being no surer than they are, (n, blocks)."""
+    linearisation, met = observed.reached(found.belief.x)
+    return np.asarray(met & ~(mahalanobis_squared(linearisation, found.noise, found.belief.P) > _limits(linearisation)))
+
+
+def ordinary(linearisation: Linearisation, noise: Noise, kept: Mask) -> Mask:
+    """Which observations lie no farther off than chance puts them at the scale of the bulk of those that were kept, (n, blocks)."""
+    d2 = mahalanobis_squared(linearisation, noise)
+    scales = observation_scales(linearisation, np.where(kept, d2, np.nan))
+    return np.asarray(~(d2 > _limits(linearisation) * np.maximum(scales, 1.0) ** 2))
+
+
 def _limits(linearisation: Linearisation) -> Matrix:
     """The squared distance that chance gives no observation of a clean set of this size, (n, blocks).
 

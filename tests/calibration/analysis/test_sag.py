@@ -18,9 +18,10 @@ from urdfcal.api import Calibration
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.terminal import as_text
-from urdfcal.calibration.analysis.sag import SagFit, estimated_gravity, fit_sag, log_evidence
+from urdfcal.calibration.analysis.sag import SagFit, estimated_gravity, fit_sag
 from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
+from urdfcal.calibration.richer import log_evidence
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation

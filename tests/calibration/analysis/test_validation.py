@@ -160,14 +160,19 @@ def test_a_rig_that_moved_is_not_blamed_on_the_ranges(robots: dict[str, Robot], 
 
 
 def test_a_single_wild_pose_is_named(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """A test pose that is off by itself is left out of the test table, and named with its lasers."""
+    """A test pose that is off by itself is in the test table, not in the trimmed one, and named with its lasers as the one to blame."""
     robot = robots["panda"]
     data = panda_data(robot, rng, 80)
     spots = data.spots.copy()
     spots[70] += 20e-3
     found = checked_on(robot, data.with_spots(spots), np.arange(80) < 60, np.arange(80) >= 60)
     assert {(outlier.pose, outlier.laser) for outlier in found.test_outliers} == {("pose 71", "laser_1"), ("pose 71", "laser_2")}
-    assert coverage_warnings(robot, found) == ()
+    assert found.test is not None
+    assert found.test_trimmed is not None
+    assert [row.n for row in found.test[1].values()] == [20, 20]
+    assert [row.n for row in found.test_trimmed[1].values()] == [19, 19]
+    (line,) = coverage_warnings(robot, found)
+    assert "pose 71 alone is to blame" in line
 
 
 def test_a_slide_is_told_in_millimetres(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -2,9 +2,7 @@
 
 The joint fit starts from a geometry-only calibration, of the same poses without the same outliers. Each joint yields to its own
 gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
-stand for is explained now. Terms on request stay only where they raise the log evidence by more than LEAST_GAIN,
-
-    log p(y) = -1/2 [chi^2 + (x - x0)' P0^-1 (x - x0) + sum log sigma_i^2 + log det(1 + P0^1/2 J'R^-1 J P0^1/2)] + constant   (Laplace)
+stand for is explained now. Terms on request stay only where they raise the log evidence (`richer.py`) by more than LEAST_GAIN.
 """
 
 from __future__ import annotations
@@ -20,20 +18,18 @@ from urdfcal.calibration.analysis.compensation import Compensation, compensation
 from urdfcal.calibration.error_table import error_table, main_unit
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
+from urdfcal.calibration.richer import LEAST_GAIN, log_evidence, usual_range
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.residual import Linearisation, Linearise
+from urdfcal.estimation.residual import Linearise
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
-from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
 
-LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
 FOLDS = 5
-_CONFIGURATIONS = 400
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _UPWARD = -5.0  # [sigmas] joints that bend upward by more than this, all in all, say that gravity pulls the other way
 _COARSE = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)]  # half of the sphere
@@ -189,9 +185,7 @@ class _Setup:
     def __init__(self, calibration: FitResult, rng: np.random.Generator) -> None:
         self.calibration, self.chain = calibration, calibration.robot.chain
         self.data, self.noise = calibration.data, calibration.estimate.noise
-        lower, upper = joint_limits(calibration.robot, calibration.data.q)
-        drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
-        self.range = np.vstack([drawn, calibration.data.q])
+        self.range = usual_range(calibration.robot, calibration.data, rng)
 
     def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
         """Gravity's terms over the joints' range."""
@@ -282,21 +276,6 @@ def estimated_gravity(calibration: FitResult, rng: np.random.Generator | None = 
 def _unit(vector: Vector) -> tuple[float, float, float]:
     x, y, z = (np.asarray(vector) / np.linalg.norm(vector)).tolist()
     return x, y, z
-
-
-def log_evidence(linearisation: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
-    """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
-    noise, sigma = estimate.noise, errors.sigma
-    if noise.of_joints:
-        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(linearisation))[1]))
-    else:
-        spread = float(np.sum(np.log(noise.of_numbers(linearisation)[linearisation.measured] ** 2)))
-    pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
-    J = (
-        noise.weights(linearisation).jacobian(linearisation) * sigma
-    )  # not the estimate's covariance: that also knows of unsure prior scales
-    volume = float(np.linalg.slogdet(J.T @ J + np.eye(len(sigma)))[1])
-    return -0.5 * (noise.chi_squared(linearisation) + pull + spread + volume)
 
 
 def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) -> Estimate:

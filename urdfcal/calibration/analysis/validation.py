@@ -98,7 +98,8 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         after.take(linearisation, held)
         rms.append(rms_of(error_table(linearisation, len(out))))
         rejected += [f"fold {number}: {found.rejection}"] if found.rejection else []
-    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots)
+    left_out = None if before.whole is None or after.whole is None else (after.whole, before.whole)
+    return CrossValidation(before.table(), after.table(), np.array(rms), tuple(rejected), data.only_spots, left_out)
 
 
 class _Gathered:
@@ -110,10 +111,15 @@ class _Gathered:
 
     def take(self, linearisation: Linearisation, rows: Rows) -> None:
         """Put the residuals of some poses in their places."""
+        own = linearisation.of_poses(len(rows))
         if self.whole is None:
-            blank = np.zeros((self.poses, linearisation.residual.shape[1]))
-            self.whole = replace(linearisation, residual=blank, measured=blank > 0)
-        self.whole.residual[rows], self.whole.measured[rows] = linearisation.residual[: len(rows)], linearisation.measured[: len(rows)]
+            n, m, blocks = self.poses, own.residual.shape[1], len(own.blocks)
+            blank, none, lost = np.zeros((n, m)), np.empty((n, m, 0)), np.zeros((n, blocks), dtype=bool)
+            self.whole = Linearisation(blank, none, none, blank > 0, np.full((n, m), np.nan), own.blocks, lost)
+        whole = self.whole
+        whole.residual[rows], whole.measured[rows], whole.stated_sigma[rows] = own.residual, own.measured, own.stated_sigma
+        if own.lost is not None and whole.lost is not None:
+            whole.lost[rows] = own.lost
 
     def table(self) -> SpotTable:
         """Distances over all poses."""

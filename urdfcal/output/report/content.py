@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -21,10 +20,11 @@ from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, susp
 from urdfcal.output.report.verdict import Verdict, count_of, verdict_of
 from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
+from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
 from urdfcal.sensors.measurements import Measurements
 
-_MOST_OUTLIERS = 50
+_MOST_OUTLIERS = 10
 _PHASES = ("mean", "std", "max")
 
 
@@ -77,6 +77,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
 def _measured(calibration: FitResult) -> Section:
     rows = _distance_rows("fit", calibration.before, calibration.after)
     rows += _distance_rows("test", *calibration.test) if calibration.test else []
+    rows += _distance_rows("test, trimmed", *calibration.test_trimmed) if calibration.test_trimmed else []
     if calibration.folds:
         rows += _distance_rows(f"{calibration.folds.folds}-fold", calibration.folds.before, calibration.folds.after)
     words = wording_of(calibration.data)
@@ -184,11 +185,12 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
 
 
 def _outliers(calibration: FitResult, sets: Sequence[Residuals], found: Sequence[Suspect]) -> Section:
-    tested, words = calibration.test_data or calibration.data, wording_of(calibration.data)
-    blocks = [
-        *_left_out("Left out of the fit and of the tables above, or mended:", calibration.outliers, calibration.data, words.source),
-        *_left_out("Left out of the table of test poses as gross outliers:", calibration.test_outliers, tested, words.source),
-    ]
+    measured, words = calibration.measured or calibration.data, wording_of(calibration.data)
+    blocks = _left_out(fit_heading(calibration), calibration.outliers, measured, words.source)
+    if calibration.together:
+        blocks.append(f"{together_words(calibration)}.")
+    if calibration.test_outliers:
+        blocks += _left_out(test_heading(calibration), calibration.test_outliers, calibration.test_data or measured, words.source)
     limit = _limit_in_words(calibration, sets, words.limit)
     if not found:
         blocks += [f"Among the {words.used} that were used, none stands out: no {limit}"]
@@ -197,11 +199,13 @@ def _outliers(calibration: FitResult, sets: Sequence[Residuals], found: Sequence
     return Section("outliers", "Outliers", tuple(blocks))
 
 
-def _left_out(text: str, outliers: Sequence[Outlier], data: Measurements, source: str) -> list[Block]:
+def _left_out(heading: str, outliers: Sequence[Outlier], data: Measurements, source: str) -> list[Block]:
     if not outliers:
         return []
-    rows = tuple(_left_out_row(outlier, data) for outlier in outliers[:_MOST_OUTLIERS])
-    return [text, Table(("pose", source, "reason"), rows, words=3), *_more(len(outliers))]
+    rows = [group.cells() for group in outlier_groups(outliers)]
+    named: tuple[tuple[Cell, ...], ...] = tuple((name, why, short_pose(pose, data.source), *figures) for name, why, *figures, pose in rows)
+    columns = (source, COLUMNS[0], COLUMNS[-1], *COLUMNS[1:-1])
+    return [f"{heading}; the report as .json names each.", Table(columns, named, words=3)]
 
 
 def _limit_in_words(calibration: FitResult, sets: Sequence[Residuals], text: str) -> str:
@@ -216,12 +220,6 @@ def _suspect_table(found: Sequence[Suspect], source: str) -> Table:
     in_mm = all(suspect.unit == "mm" for suspect in found)
     rows = tuple(_suspect_row(suspect, "" if in_mm else f" {suspect.unit}") for suspect in found[:_MOST_OUTLIERS])
     return Table(("poses", "pose", source, "distance in mm" if in_mm else "distance", "sigmas"), rows, words=3)
-
-
-def _left_out_row(outlier: Outlier, data: Measurements) -> tuple[Cell, ...]:
-    """Pose, what was read, and why; the folder of the file stands under where this comes from."""
-    pose = outlier.pose.removeprefix(f"{data.source}:")
-    return (outlier.pose if pose == outlier.pose else f"{Path(data.source).name}:{pose}", outlier.laser, outlier.reason)
 
 
 def _suspect_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:

@@ -18,6 +18,7 @@ from urdfcal.model.dh import DhRow
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
 from urdfcal.output.text.instruments import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
+from urdfcal.output.text.outliers import outlier_blocks
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -90,6 +91,8 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
     tables = [("fit", calibration.before, calibration.after)]
     if calibration.test:
         tables.append(("test", *calibration.test))
+    if calibration.test_trimmed:
+        tables.append(("test, trimmed", *calibration.test_trimmed))
     return [
         _headline(calibration),
         "",
@@ -97,7 +100,7 @@ def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
         "",
         parameter_table(calibration),
         *_frames(calibration),
-        *_outliers(calibration),
+        *outlier_blocks(calibration),
         *_undecided(calibration),
         *_correlated(calibration),
         *_carried(calibration.errors.carried),
@@ -175,7 +178,7 @@ def carried_lines(carried: Mapping[str, str]) -> list[str]:
 
 def calibration_json(calibration: FitResult) -> dict[str, Any]:
     """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
-    noise, spot_noise = calibration.estimate.noise, calibration.noise_of("spot")
+    noise, spot_noise, trimmed = calibration.estimate.noise, calibration.noise_of("spot"), calibration.test_trimmed
     return {
         "converged": calibration.converged,
         "stop": calibration.stop_reason,
@@ -198,8 +201,11 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "before": table_json(calibration.before),
         "after": table_json(calibration.after),
         "test": {"before": table_json(calibration.test[0]), "after": table_json(calibration.test[1])} if calibration.test else None,
+        "test_trimmed": None if trimmed is None else {"before": table_json(trimmed[0]), "after": table_json(trimmed[1])},
         "prior_scales": None if calibration.evidence is None else dict(calibration.evidence.scales),
         "outliers": [asdict(outlier) for outlier in calibration.outliers],
+        "outliers_explained_by": list(calibration.beyond),
+        "outliers_together": list(calibration.together),
         "test_outliers": [asdict(outlier) for outlier in calibration.test_outliers],
         "warnings": list(calibration.warnings),
     }
@@ -250,13 +256,6 @@ def _scales(chosen: Evidence) -> str:
         f"priors chosen by evidence: joint translations {mm:.2g} mm, rotations {chosen.scales['rotation'] * mrad:.2g} mrad, "
         f"zeros {chosen.scales['zero'] * mrad:.2g} mrad"
     )
-
-
-def _outliers(calibration: FitResult) -> list[RenderableType]:
-    lines = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.outliers]
-    tested = [f"  {outlier.pose} {outlier.laser}: {outlier.reason}" for outlier in calibration.test_outliers]
-    blocks: list[RenderableType] = ["", "Left out or mended as outliers:", *lines] if lines else []
-    return [*blocks, "", "Left out of the test table as gross outliers:", *tested] if tested else blocks
 
 
 def _undecided(calibration: FitResult) -> list[RenderableType]:

@@ -77,8 +77,9 @@ def sag_words(sag: SagFit) -> str:
     if sag.held_out is None:
         return f"{head}: log evidence {sag.gain:+.0f}"
     left, what = sag.held_out, " and ".join(("sag", *sag.kept))
+    trimmed = ", outliers left out" if any(outlier.kind != "exchanged" for outlier in sag.calibration.outliers) else ""
     return (
-        f"{head}: held-out poses ({left.folds}-fold) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
+        f"{head}: held-out poses ({left.folds}-fold{trimmed}) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
         f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
     )
 
