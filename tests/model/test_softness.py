@@ -185,13 +185,20 @@ def test_the_largest_deflection_is_the_parameter(robots: dict[str, Robot], rng: 
 
 
 def test_terms_on_request_are_what_they_say(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """Encoder scale q, eccentricity sin and cos of q and 2q, approach the sign of the last move; for turning joints that were measured."""
+    """Encoder scale q, eccentricity sin and cos of q and 2q, approach the sign of the last move; slides have scale and approach."""
     robot = robots["tiago"]
     chain, data = robot.chain, six_poses(robot, rng)
     terms = extra_terms(chain, EXTRAS)
     basis = Softness(chain, terms, WeighedRobot(robot, Gravity()), robot.rig.tip).basis(data.q, None, data.approach)
     turning = [column for column, each in enumerate(chain.inputs) if not each.prismatic]
-    assert len(terms) == 6 * len(turning)
+    sliding = [column for column, each in enumerate(chain.inputs) if each.prismatic]
+    assert sliding
+    assert len(terms) == 6 * len(turning) + 2 * len(sliding)
+    for column in sliding:
+        name = chain.inputs[column].name
+        own = {term.name: (number, term.unit) for number, term in enumerate(terms) if term.name.startswith(f"{name}.")}
+        assert {word: unit for word, (_, unit) in own.items()} == {f"{name}.scale": "", f"{name}.approach": "m"}
+        np.testing.assert_array_equal(basis[:, own[f"{name}.scale"][0]], data.q[:, column])
     assert data.approach is not None
     for column in turning:
         name, angle = chain.inputs[column].name, data.q[:, column]

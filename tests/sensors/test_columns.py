@@ -181,6 +181,14 @@ BAD = {
         table("tool.qx,tool.qy,tool.qz", *POINTS),
         "m.csv:1: column 'tool.qw': is missing; an orientation needs qx, qy, qz, qw",
     ),
+    "degrees under a radian header": (
+        table("tool.roll,tool.pitch,tool.yaw", "0.5,0.2,-30.5"),
+        "m.csv:2: column 'tool.yaw': '-30.5' lies beyond 2 pi rad (1 of 1 cells do), expected radians; write 'tool.yaw [deg]'",
+    ),
+    "degrees of an inclinometer under a radian header": (
+        table("tool.incl_x [rad],tool.incl_y", "12,0.1"),
+        "m.csv:2: column 'tool.incl_x': '12' lies beyond 2 pi rad (1 of 1 cells do), expected radians; write 'tool.incl_x [deg]'",
+    ),
     "half of roll, pitch, yaw": (table("tool.roll,tool.yaw", "0,0"), "m.csv:1: column 'tool.pitch': is missing; an orientation needs roll"),
     "orientation cell": (
         table("tool.qx,tool.qy,tool.qz,tool.qw", *UPRIGHT[:2], ",0,0,1"),

@@ -135,7 +135,7 @@ def fit(
         list[str] | None,
         typer.Option(
             metavar="TERM",
-            help="With sag, also try scale (of encoders), eccentricity or approach (direction of the last move); repeatable.",
+            help="With sag, also try scale (of encoders and slides), eccentricity or approach (direction of the last move); repeatable.",
             show_default=False,
         ),
     ] = None,

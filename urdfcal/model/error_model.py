@@ -335,6 +335,6 @@ def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> l
 
 def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRobot, carrier: str) -> ErrorModel:
     """An error model whose joints give way."""
-    soft = tuple(Parameter(term.name, "rad", "soft", 0.0, term.sigma) for term in terms)
+    soft = tuple(Parameter(term.name, term.unit, "soft", 0.0, term.sigma) for term in terms)
     rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
     return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))

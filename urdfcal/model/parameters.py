@@ -56,7 +56,7 @@ class Parameter:
 
     Attributes:
         name: `<joint or link>.<parameter>`, with `:<session>` behind the link for a later session's screen.
-        unit: `m` or `rad`.
+        unit: `m` or `rad`; the empty string for a share.
         kind: Group that it belongs to.
         mean: Prior mean, in `unit`.
         sigma: Prior standard deviation, in `unit`; FLAT for none.

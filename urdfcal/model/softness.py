@@ -6,11 +6,13 @@ it meets within its range, for a basis, so that the parameter is the deflection 
     <joint>.sag              about the joint's own axis: drive and gears
     <joint>.sag_1, .sag_2    about the two axes across it: bearings and links
 
-Others, on request, turn the joint about its own axis:
+Others, on request, turn the joint about its own axis, or slide it along it:
 
-    <joint>.scale            basis q: encoder scale
+    <joint>.scale            basis q: encoder scale, or pitch of a slide's screw or belt
     <joint>.ecc_sin, ...     basis sin q, cos q, sin 2q, cos 2q: eccentric encoders and gears
     <joint>.approach         basis +1 or -1, the direction of the last move: backlash and friction
+
+Eccentricity is that of something that turns once with the joint, so slides have none.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from urdfcal.model.gravity import WeighedRobot
 from urdfcal.robot.chain import Bend, Chain
 
 SAG, SAG_ACROSS = 1e-3, 0.5e-3  # [rad] prior standard deviations at a joint's largest gravity moment
-SCALE, ECCENTRICITY, APPROACH = 1e-3, 1e-3, 0.5e-3  # the same of the others: a share, and [rad]
+SCALE, ECCENTRICITY, APPROACH = 1e-3, 1e-3, 0.5e-3  # the same of the others: a share, [rad], and [rad] or, of slides, [m]
 _LEAST_SHARE = 1e-3  # of the largest moment of any joint, under which gravity has nothing to say
 Axis = tuple[float, float, float]
 EXTRAS = ("scale", "eccentricity", "approach")
@@ -44,6 +46,7 @@ class Term:
         axis: Across the joint's own axis, in its frame; None for its own.
         sigma: Prior standard deviation of the parameter.
         largest: Moment at which a gravity term's deflection is the parameter, [N m]; 0 for other terms.
+        unit: Of the parameter: `rad`, `m`, or the empty string for a share.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Term:
     axis: Axis | None
     sigma: float
     largest: float = 0.0
+    unit: str = "rad"
 
 
 @dataclass(frozen=True)
@@ -159,15 +163,17 @@ def gravity_terms(chain: Chain, moments: Array3) -> tuple[Term, ...]:
 
 
 def extra_terms(chain: Chain, wanted: Sequence[str]) -> tuple[Term, ...]:
-    """Terms beside gravity's, of every measured turning joint; those of `wanted` among EXTRAS."""
+    """Terms beside gravity's, of every measured joint; those of `wanted` among EXTRAS."""
     inputs = {joint.name for joint in chain.inputs}
     joints = [step.joint for step in chain.moving]
-    turning = [(index, joint.name) for index, joint in enumerate(joints) if not joint.prismatic and joint.name in inputs]
     terms: list[Term] = []
-    for index, name in turning:
-        terms += [Term(f"{name}.scale", index, None, SCALE)] if "scale" in wanted else []
-        terms += [Term(f"{name}.{wave}", index, None, ECCENTRICITY) for wave in _HARMONICS] if "eccentricity" in wanted else []
-        terms += [Term(f"{name}.approach", index, None, APPROACH)] if "approach" in wanted else []
+    for index, joint in enumerate(joints):
+        if joint.name not in inputs:
+            continue
+        turns, unit = "eccentricity" in wanted and not joint.prismatic, "m" if joint.prismatic else "rad"
+        terms += [Term(f"{joint.name}.scale", index, None, SCALE, unit="")] if "scale" in wanted else []
+        terms += [Term(f"{joint.name}.{wave}", index, None, ECCENTRICITY) for wave in _HARMONICS] if turns else []
+        terms += [Term(f"{joint.name}.approach", index, None, APPROACH, unit=unit)] if "approach" in wanted else []
     return tuple(terms)
 
 

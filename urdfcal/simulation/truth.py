@@ -171,7 +171,7 @@ def sag_entries(errors: ErrorModel, x: Vector) -> dict[str, Any]:
         return {}
     weighed, value = errors.soft.weighed, dict(zip(errors.names, x.tolist(), strict=True))
     terms = {
-        term.name: {"value": value[term.name], "unit": "rad"} | ({"at_moment_Nm": term.largest} if term.largest else {})
+        term.name: {"value": value[term.name], "unit": term.unit or "1"} | ({"at_moment_Nm": term.largest} if term.largest else {})
         for term in errors.soft.terms
     }
     gravity = {"direction": list(weighed.gravity.direction), "payloads_kg": dict(weighed.gravity.payloads)}

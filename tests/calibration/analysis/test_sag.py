@@ -8,12 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import yaml
 
 import urdfcal
 from tests.conftest import CliResult
 from tests.support.paths import ROOT
+from tests.support.small_robot import joint, robot_of, robot_text
 from urdfcal.api import Calibration
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Vector
@@ -103,9 +105,9 @@ def test_deflections_are_told_as_they_are(soft_panda: tuple[Calibration, Measure
     terms, data = sagging.softness.terms, sagging.calibration.data
     angles = sagging.softness.basis(data.q) * [sagging.soft_values[term.name][0] for term in terms]
     names = [sagging.softness.chain.moving[term.joint].joint.name for term in terms]
-    for joint in set(names):
-        own = [name == joint for name in names]
-        assert told[joint].mrad == pytest.approx(1e3 * np.linalg.norm(angles[:, own], axis=1).max())
+    for one in set(names):
+        own = [name == one for name in names]
+        assert told[one].mrad == pytest.approx(1e3 * np.linalg.norm(angles[:, own], axis=1).max())
     errors, x = sagging.errors, sagging.estimate.belief.x
     model = Problem(errors, sagging.calibration.data)
     placed, rows = errors.placements(x, ""), np.arange(len(model.data))
@@ -167,6 +169,34 @@ def test_terms_on_request_earn_their_place(
     assert without is not None
     assert without.dropped == ("scale", "eccentricity", "approach") or set(without.dropped) == {"scale", "eccentricity"}
     assert "eccentricity" in as_text(sag_blocks(without))
+
+
+GANTRY = robot_text(
+    joint("x", "base", "a", '<origin xyz="0 0 1"/><axis xyz="1 0 0"/>', kind="prismatic"),
+    joint("y", "a", "b", '<origin xyz="0 0.1 0"/><axis xyz="0 1 0"/>', kind="prismatic"),
+    joint("z", "b", "tool0", '<origin xyz="0.05 0 -0.1"/><axis xyz="0 0 -1"/>', kind="prismatic"),
+    links="base a b tool0",
+)
+
+
+def test_a_slide_that_is_read_too_long_is_found(tmp_path: Path, rng: np.random.Generator) -> None:
+    """A gantry whose belt is 0.3 % long: found within its sigma, told in per cent, and made up for by commands that are as much shorter."""
+    q = rng.uniform(0, 1, (40, 3))
+    tool = q * [1.003, 1, -1] + [0.05, 0.1, 0.9]
+    seen = tool @ pin.exp3(np.array([0.3, -0.2, 1.0])).T + [1.0, 2.0, 0.5] + rng.normal(0, 2e-5, (40, 3))
+    np.savetxt(tmp_path / "m.csv", np.hstack([q, seen]), "%.9f", ",", header="x,y,z,tool0.x,tool0.y,tool0.z", comments="")
+    robot = robot_of(GANTRY)
+    sag = fit_sag(urdfcal.fit(robot, urdfcal.read_measurements(tmp_path / "m.csv", robot)), extras=("scale",), compare_directions=False)
+    assert sag is not None
+    assert sag.kept == ("scale",)
+    value, sigma = sag.soft_values["x.scale"]
+    assert abs(value - 0.003) < 4 * sigma < 1e-4
+    assert sag.held_out is not None
+    assert sag.held_out.sag < 0.05 < 0.3 < sag.held_out.geometry
+    told = as_text(sag_blocks(sag))
+    assert "+0.300" in told.split("x.scale")[1].split("%")[0] or "+0.299" in told.split("x.scale")[1].split("%")[0]
+    assert next(own for own in sag_json(sag)["parameters"] if own["name"] == "x.scale")["unit"] == "1"
+    assert sag.compensation().command(np.array([0.5, 0.5, 0.5]))[0] == pytest.approx(0.5 / (1 + value), abs=1e-5)
 
 
 def test_stated_priors_of_single_parameters_stay(robots: dict[str, Robot]) -> None:

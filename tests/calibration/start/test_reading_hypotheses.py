@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -57,6 +58,22 @@ def in_degrees(values: np.ndarray) -> np.ndarray:
     return np.asarray(Rotation.from_euler("xyz", Rotation.from_quat(values).as_euler("xyz") * DEG).as_quat())
 
 
+def rewritten(convention: str) -> Callable[[np.ndarray], np.ndarray]:
+    """Numbers of another convention, taken for roll, pitch and yaw."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        turns = Rotation.from_quat(values)
+        numbers = turns.as_rotvec() if convention == "vector" else turns.as_euler(convention)
+        return np.asarray(Rotation.from_euler("xyz", numbers).as_quat())
+
+    return change
+
+
+def counted_from_the_horizontal(data: Measurements) -> Measurements:
+    """The third joint read less the second, as Fanuc's controllers do."""
+    return replace(data, q=data.q - data.q[:, [1]] * (np.arange(data.q.shape[1]) == 2))
+
+
 def exchanged(data: Measurements) -> Measurements:
     """The second and the third joint read for each other."""
     return replace(data, q=data.q[:, [0, 2, 1, 3, 4, 5]])
@@ -69,6 +86,9 @@ MISTAKES: dict[str, tuple[SensorCase, Change]] = {
     "the quaternions read as w, x, y, z": (POSE, with_values("orientation", lambda values: values[:, [3, 0, 1, 2]])),
     "about axes that turn along": (POSE, with_values("orientation", turning)),
     "roll, pitch and yaw read as radians in place of degrees": (POSE, with_values("orientation", in_degrees)),
+    "read as a rotation vector (Rx, Ry, Rz, as Universal Robots has it)": (POSE, with_values("orientation", rewritten("vector"))),
+    "read as A, B, C about z, y', x'' (as KUKA has them)": (POSE, with_values("orientation", rewritten("ZYX"))),
+    "shoulder_lift_joint added to elbow_joint": (POINT, counted_from_the_horizontal),
     "the poses inverted": (POSE, inverted),
     "the distances read as millimetres": (CASES["distance"], with_values("distance", lambda values: values / MM)),
     "the sign of elbow_joint flipped": (POINT, with_joint(2, factor=-1.0)),
@@ -96,6 +116,40 @@ def test_a_mistake_is_fitted_on_request(robots: dict[str, Robot]) -> None:
     robot, data = measured(POSE, robots, seed=2)
     found = fit(robot, with_values("orientation", lambda values: values[:, [3, 0, 1, 2]])(data), sane=False)
     assert found.rejection.startswith("the orientations scatter by ")
+
+
+def test_a_mistake_in_a_few_poses_is_named(robots: dict[str, Robot]) -> None:
+    """Joints moved one at a time: the poses that move the second joint are a sixth, and are not taken for outliers."""
+    robot, data = one_joint_at_a_time(robots)
+    with pytest.raises(FitRejected, match=r"^\d+ of 48 poses fit \d+ times better with shoulder_lift_joint added to elbow_joint"):
+        fit(robot, counted_from_the_horizontal(data))
+
+
+def test_a_few_wild_readings_are_no_mistake(robots: dict[str, Robot]) -> None:
+    """The same motion read rightly, with every seventh point far off: those are outliers, whatever would shrink them."""
+    robot, data = one_joint_at_a_time(robots)
+    bad = (np.arange(48) % 7 == 3)[:, None] * np.random.default_rng(1).uniform(-0.2, 0.2, (48, 3))
+    found = fit(robot, with_values("point", lambda values: values + bad)(data))
+    assert len(found.outliers) >= 6
+
+
+def one_joint_at_a_time(robots: dict[str, Robot]) -> tuple[Robot, Measurements]:
+    """Eight poses of each joint about one home, of a robot with errors of 1 mm and 0.1 deg, by Pinocchio."""
+    rng = np.random.default_rng(2)
+    robot, data = measured(POSE, robots, seed=1, poses=48)
+    true = robot.model.copy()
+    for index in range(1, true.njoints):
+        true.jointPlacements[index] *= pin.exp6(rng.normal(0, [1e-3] * 3 + [2e-3] * 3))
+    q = np.tile([0.1, -1.2, 1.4, 0.2, 0.8, 0.1], (48, 1))
+    q[np.arange(48), np.arange(48) // 8] += rng.uniform(-1, 1, 48)
+    frame, state, poses = true.getFrameId("tool0"), true.createData(), []
+    for configuration in q:
+        pin.framesForwardKinematics(true, state, configuration)
+        poses.append(state.oMf[frame].copy())
+    points = np.array([T.translation for T in poses]) + rng.normal(0, 5e-5, (48, 3))
+    axes = np.array([pin.Quaternion(T.rotation).coeffs() for T in poses])
+    readings = tuple(replace(each, values={"point": points, "orientation": axes}[each.sensor]) for each in data.readings)
+    return robot, replace(data, q=q, readings=readings)
 
 
 def test_two_targets_read_for_each_other_are_named(robots: dict[str, Robot]) -> None:

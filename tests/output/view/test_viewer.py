@@ -391,11 +391,15 @@ def test_ctrl_c_stops_the_command(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "urdfcal.cli", "view", ARM7 / "arm7.urdf.xacro", "--port", "0", "--no-open"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path)
     assert process.stdout is not None
-    said = process.stdout.readline()
-    assert re.match(r"http://127\.0\.0\.1:\d+/ shows the robot", said)
-    assert b"urdfcal-scene" in urllib.request.urlopen(said.split()[0], timeout=10).read()
-    process.send_signal(signal.SIGINT)
-    _, complaints = process.communicate(timeout=20)
+    try:
+        said = process.stdout.readline()
+        assert re.match(r"http://127\.0\.0\.1:\d+/ shows the robot", said)
+        assert b"urdfcal-scene" in urllib.request.urlopen(said.split()[0], timeout=10).read()
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=20)
+    finally:
+        process.kill()  # nothing is left behind where it does not stop
+        process.communicate()
     assert (process.returncode, complaints) == (0, "stopped\n")
 
 

@@ -56,8 +56,8 @@ class Compensation:
     Attributes:
         robot: The calibrated robot of the joint fit.
         softness: How its joints give way.
-        values: Parameter of each of its terms, by name, [rad].
-        sigma: Standard deviation of each of them, by name, [rad].
+        values: Parameter of each of its terms, by name, in the term's unit: [rad], of slides [m], of scales a share.
+        sigma: Standard deviation of each of them, by name, in the same unit.
     """
 
     robot: Robot
@@ -135,7 +135,10 @@ class Compensation:
         return np.asarray(q[0] if np.ndim(q_wanted) == 1 else q)
 
     def deflections(self, q: Matrix | Vector, payload: Payload = None, approach: Matrix | Vector | None = None) -> Matrix:
-        """Angle by which each term turns its joint, (n, terms), also for one configuration, [rad], in the order of `softness.terms`."""
+        """Angle by which each term turns its joint, or how far it slides it, (n, terms), also for one configuration, [rad] or [m].
+
+        In the order of `softness.terms`.
+        """
         rows = self._checked(q)
         return self.softness.basis(rows, self._masses(payload, len(rows)), self._directions(approach, rows)) * self._values
 
@@ -232,7 +235,8 @@ def compensation_files(
         "terms": [_term_entry(softness, term, *values[term.name]) for term in softness.terms],
     }
     head = (
-        "# Deflections of the joints, fitted together with the URDF named below; in rad, at each joint's `largest` moment in N m.\n"
+        "# Deflections of the joints, fitted together with the URDF named below; in rad unless a unit is given, at each joint's `largest`\n"
+        "# moment in N m.\n"
         "# Load with urdfcal.load_compensation; a URDF that was fitted without it is another robot.\n"
     )
     text = (head + yaml.safe_dump(content, sort_keys=False, width=120)).encode()
@@ -240,7 +244,9 @@ def compensation_files(
 
 
 def _term_entry(softness: Softness, term: Term, value: float, sigma: float) -> dict[str, Any]:
-    entry: dict[str, Any] = {"name": term.name, "joint": softness.chain.moving[term.joint].joint.name, "value": value, "sigma": sigma}
+    joint = softness.chain.moving[term.joint].joint.name
+    entry: dict[str, Any] = {"name": term.name, "joint": joint, "value": value, "sigma": sigma}
+    entry |= {} if term.unit == "rad" else {"unit": term.unit or "1"}
     return (
         entry
         | ({"axis": list(term.axis)} if term.axis is not None else {})
@@ -297,9 +303,9 @@ def _compensation(robot: Robot, weighed: WeighedRobot, terms: Sequence[tuple[str
 def _read_term(entry: Any) -> tuple[str, Term, float, float]:
     axis = entry.get("axis")
     x, y, z = (_finite(part) for part in axis) if axis is not None else (0.0, 0.0, 0.0)
-    term = Term(
-        str(entry["name"]), -1, None if axis is None else (x, y, z), _finite(entry["prior_sigma"]), _finite(entry.get("largest", 0.0))
-    )
+    prior_sigma, largest, name = _finite(entry["prior_sigma"]), _finite(entry.get("largest", 0.0)), str(entry["name"])
+    unit = str(entry.get("unit", "1" if name.endswith(".scale") else "rad"))
+    term = Term(name, -1, None if axis is None else (x, y, z), prior_sigma, largest, "" if unit == "1" else unit)
     if not is_known(term):
         raise ValueError(f"'{term.name}' is no term that this version knows")
     return str(entry["joint"]), term, _finite(entry["value"]), _finite(entry["sigma"])

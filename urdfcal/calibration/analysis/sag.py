@@ -135,12 +135,12 @@ def fit_sag(
         rng: Draws the folds, and configurations within the joints' range; seeded by default.
 
     Returns:
-        None where gravity bends nothing.
+        None where gravity bends nothing, and nothing else is asked for.
     """
     rng, gravity = rng or np.random.default_rng(0), gravity or Gravity()
     setup = _Setup(calibration, rng)
     terms = setup.gravity_terms(gravity)
-    if not terms:
+    if not terms and not extras:
         return None
     whole = setup.fit(terms, gravity)
     kept: list[str] = []

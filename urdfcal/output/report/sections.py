@@ -25,7 +25,7 @@ from urdfcal.output.report.residuals import Residuals
 from urdfcal.output.report.touches import MOST_PLACES, PlaceScatter, scatter_of_places
 from urdfcal.output.report.verdict import count_of
 from urdfcal.output.text.instruments import frame_entries, length_entries, measuring_frame, noise_in_words, place_entries, rig_in_words
-from urdfcal.output.text.sag import deflections, sag_words
+from urdfcal.output.text.sag import deflections, extras_rows, sag_words
 from urdfcal.sensors.measurements import Measurements
 
 _COLUMNS = ("frame", "on link", "x", "y", "z", "sigma", "roll", "pitch", "yaw", "sigma")
@@ -107,9 +107,10 @@ def sag_section(sag: SagFit | None) -> Section | None:
         return None
     rows = tuple((each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}") for each in deflections(sag))
     table = Table(("joint", "largest deflection in mrad", "moves the tool by mm"), rows)
-    words = sag_words(sag)
+    words, extras = sag_words(sag), tuple(extras_rows(sag))
+    beside = (Table(("found beside sag", "value ± sigma", "unit"), extras),) if extras else ()
     text = "Not in the calibrated URDF, which is that of geometry alone: --compensation writes it, beside a URDF of its own."
-    return Section("sag", "Sag under gravity", (f"{words[0].upper()}{words[1:]}.", text, table))
+    return Section("sag", "Sag under gravity", (f"{words[0].upper()}{words[1:]}.", text, *beside, table))
 
 
 def provenance_table(calibration: FitResult, command: Sequence[str]) -> Table:

@@ -9,7 +9,7 @@ import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix
 from urdfcal.base.rotations import skew
-from urdfcal.base.terminal import figures_table, titled
+from urdfcal.base.terminal import displayed, figures_table, titled, value_and_sigma
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.problem import Problem
 
@@ -28,7 +28,7 @@ class Deflection:
 
     Attributes:
         joint: Its name.
-        mrad: Its largest deflection, all axes together.
+        mrad: By how much it turns at most, all axes together.
         tool_mm: How far the largest moves the module, or the farthest target.
     """
 
@@ -46,7 +46,8 @@ def deflections(sag: SagFit) -> list[Deflection]:
     found = []
     for joint in dict.fromkeys(term.joint for term in softness.terms):
         own = [number for number, term in enumerate(softness.terms) if term.joint == joint]
-        angle = np.linalg.norm((basis * values)[:, own], axis=1)
+        turning = [number for number in own if softness.terms[number].axis is not None or not softness.chain.moving[joint].joint.prismatic]
+        angle = np.linalg.norm((basis * values)[:, turning], axis=1)
         moved = np.linalg.norm(twists[:, :3, own] @ values[own], axis=1)
         found.append(Deflection(softness.chain.moving[joint].joint.name, float(angle.max()) / _MRAD, float(moved.max()) / MM))
     return found
@@ -94,6 +95,7 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
     blocks: list[RenderableType] = ["", f"Sag: {sag_words(sag)}"]
     if sag.dropped:
         blocks.append(f"left out, since the data do not ask for it: {', '.join(sag.dropped)}")
+    blocks += _extras_told(sag)
     if "approach" in sag.kept:
         blocks.append("what the approach explains can be made up for only where control code tells each joint's last move (approach=...)")
     if not worth_it(sag):
@@ -109,16 +111,38 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
     return [*blocks, "", titled(f"Deflections at the fitted poses ({said})", table)]
 
 
+def extras_rows(sag: SagFit) -> list[tuple[str, str, str]]:
+    """Name, value with its sigma, and unit, of what was found beside sag."""
+    found = []
+    for term in sag.softness.terms:
+        if not term.largest:
+            (value, sigma), (unit, size) = sag.soft_values[term.name], displayed(term.unit)
+            found.append((term.name, value_and_sigma(value / size, sigma / size), unit))
+    return found
+
+
+def _extras_told(sag: SagFit) -> list[RenderableType]:
+    rows = extras_rows(sag)
+    table = figures_table("parameter")
+    table.add_column("value ± sigma", justify="right")
+    table.add_column("unit")
+    for row in rows:
+        table.add_row(*row)
+    return ["", titled("Found beside sag", table), ""] if rows else []
+
+
 def sag_json(sag: SagFit) -> dict[str, Any]:
     """For machines; SI but for names that say otherwise."""
-    held = sag.held_out
+    held, units = sag.held_out, {term.name: term.unit or "1" for term in sag.softness.terms}
     return {
         "gravity": list(sag.gravity.direction),
         "payloads_kg": dict(sag.gravity.payloads),
         "masses": "generic" if sag.softness.weighed.generic else "urdf",
         "log_evidence_gain": sag.gain,
         "held_out": None if held is None else {f"geometry_{held.unit}": held.geometry, f"sag_{held.unit}": held.sag, "folds": held.folds},
-        "parameters": [{"name": name, "value": value, "sigma": sigma, "unit": "rad"} for name, (value, sigma) in sag.soft_values.items()],
+        "parameters": [
+            {"name": name, "value": value, "sigma": sigma, "unit": units[name]} for name, (value, sigma) in sag.soft_values.items()
+        ],
         "deflections": [{"joint": each.joint, "mrad": each.mrad, "tool_mm": each.tool_mm} for each in deflections(sag)],
         "worth_it": worth_it(sag),
         "kept": list(sag.kept),
