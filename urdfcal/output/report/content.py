@@ -114,21 +114,22 @@ def _convergence(calibration: FitResult) -> Section:
 def _parameters(calibration: FitResult) -> Section:
     text = (
         "Errors of the robot against its URDF. The last column is how much of the stated prior's uncertainty the data leave; a parameter "
-        f"is determined when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
+        f"is determined when that is under {DETERMINED * 100:.0f} % and it is no term of a sum that is determined alone. The truth lies within 1.96 sigma 95 times in 100."
     )
     if calibration.evidence is not None:
         text += " The prior sigmas of the joints are those that the data made most probable."
     if not honest_covariance(calibration):
         text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
-    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
+    seen = calibration.identifiability
+    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, seen.left, seen.determined, strict=True)
     rows = tuple(_parameter_row(*row) for row in every if row[0].kind not in INSTRUMENTS)
     table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), rows)
     return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if rows else ())
 
 
-def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float) -> tuple[Cell, ...]:
+def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float, determined: bool) -> tuple[Cell, ...]:
     unit, size = displayed(parameter.unit)
-    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if left < DETERMINED else "not determined"
+    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if determined else "not determined"
     return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(left, DETERMINED))
 
 
