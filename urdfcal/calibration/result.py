@@ -86,6 +86,7 @@ class FitResult:
         misfits: Chi-squared by kind of reading.
         extra_noise: What readings scatter beyond what their columns state, by kind, [m], [rad] or [px].
         nominal: The uncalibrated robot, with measuring frames and targets where they suit it best.
+        tool: Link whose accuracy is asked for; the empty string for the module or the target.
     """
 
     robot: Robot
@@ -109,6 +110,7 @@ class FitResult:
     test_outliers: tuple[Outlier, ...] = ()
     folds: CrossValidation | None = None
     extra_noise: Mapping[str, float] = field(default_factory=dict)
+    tool: str = ""
 
     @property
     def x(self) -> Vector:

@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.base.terminal import displayed, value_and_sigma
+from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.identifiability import DETERMINED, Combination
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
 from urdfcal.output.report.document import Block, Cell, Gallery, Points, Section, Share, Table
-from urdfcal.output.report.residuals import Residuals, honest_covariance, residuals_of
+from urdfcal.output.report.residuals import Residuals, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
-from urdfcal.output.report.verdict import Verdict, count_of, verdict_of
+from urdfcal.output.report.verdict import Opening, count_of, opening_of
 from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
@@ -35,7 +36,7 @@ class Report:
     Attributes:
         title: Its heading.
         subtitle: Which data, which estimator.
-        verdict: Whether the calibration may be used.
+        opening: Whether the calibration may be used.
         sections: Everything else.
         residuals: Of every reading at the fitted and the test poses, for pictures.
         suspects: Readings that do not belong to the rest, for pictures.
@@ -43,7 +44,7 @@ class Report:
 
     title: str
     subtitle: str
-    verdict: Verdict
+    opening: Opening
     sections: tuple[Section, ...]
     residuals: tuple[Residuals, ...]
     suspects: tuple[Suspect, ...]
@@ -71,7 +72,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
     subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     shown = tuple(each for each in sections if each.blocks)
-    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(found))
+    return Report(title, subtitle, opening_of(calibration, found), shown, tuple(sets), tuple(found))
 
 
 def _measured(calibration: FitResult) -> Section:
@@ -114,7 +115,8 @@ def _convergence(calibration: FitResult) -> Section:
 def _parameters(calibration: FitResult) -> Section:
     text = (
         "Errors of the robot against its URDF. The last column is how much of the stated prior's uncertainty the data leave; a parameter "
-        f"is determined when that is under {DETERMINED * 100:.0f} % and it is no term of a sum that is determined alone. The truth lies within 1.96 sigma 95 times in 100."
+        f"is determined when that is under {DETERMINED * 100:.0f} % and it is no term of a sum that is determined alone. "
+        "The truth lies within 1.96 sigma 95 times in 100."
     )
     if calibration.evidence is not None:
         text += " The prior sigmas of the joints are those that the data made most probable."
