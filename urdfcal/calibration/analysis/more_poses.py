@@ -18,6 +18,7 @@ from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements
 
+FURTHER = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320)  # poses that are tried beyond those that there are
 _TRIED = 300  # further poses that are looked at
 _FAR_OFF = 1e2  # [m per rad] beams that graze the screen tell nothing that anyone could read
 

@@ -29,14 +29,15 @@ import pinocchio as pin
 from urdfcal.base.geometry import MM, Array3, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.calibration.analysis.full_posterior import FullPosterior
+from urdfcal.calibration.analysis.more_poses import FURTHER
 from urdfcal.calibration.analysis.prediction import base_link, spread, tool_jacobian
+from urdfcal.model.error_model import ErrorModel
 from urdfcal.robot.configurations import joint_limits, whole_configurations
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
 
 _CONFIGURATIONS = 200
 _SAME = 1e-6  # share of the largest constant motion under which two constants are one
-_FURTHER = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320)  # poses that are tried beyond those that there are
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,7 @@ class ToolAccuracy:
 
     def poses_for(self, share: float, poses: int) -> int | None:
         """How many poses of the same kind bring the error up to constants under a share of the nominal robot's; None if none do."""
-        for further in _FURTHER:
+        for further in FURTHER:
             left = spread(self.apart, self.posterior.with_further(further))
             if np.sqrt(np.mean(left**2)) < share * self.up_to_constant.before.rms:
                 return poses + further
@@ -149,24 +150,47 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    base, (lower, upper) = base_link(robot, link), joint_limits(robot)
-    q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
-    turned, placed, axes = _places(_corrected(robot, posterior), robot, base, link, q)
-    A = turned @ tool_jacobian(robot, posterior.errors, posterior.x, link, q)[:, :3]
-    G = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), -skew(placed), axes], axis=2).reshape(-1, 9)
-    constant = np.linalg.pinv(G, rcond=_SAME) @ A.reshape(-1, A.shape[2])
-    apart = A - (G @ constant).reshape(A.shape)
+    moved = _moved(robot, posterior.errors, posterior.x, link, rng)
+    constant = moved.constant
     return ToolAccuracy(
         link=link,
-        base=base,
-        in_base=Gain.of(A, posterior),
-        up_to_constant=Gain.of(apart, posterior),
+        base=base_link(robot, link),
+        in_base=Gain.of(moved.whole, posterior),
+        up_to_constant=Gain.of(moved.apart, posterior),
         base_shift=_size(constant[:3], posterior),
         base_turn=_size(constant[3:6], posterior),
         tool_shift=_size(constant[6:], posterior),
         posterior=posterior,
-        apart=apart,
+        apart=moved.apart,
     )
+
+
+def motion_up_to_constants(robot: Robot, errors: ErrorModel, x: Vector, link: str, rng: np.random.Generator) -> Array3:
+    """Motion of a link's origin per unit of every error at random configurations, without what constants explain, (n, 3, p).
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+    """
+    return _moved(robot, errors, x, link, rng).apart
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Motion of a link per unit of every error, whole and without what constants explain (n, 3, p), and the constants (9, p)."""
+
+    whole: Array3
+    apart: Array3
+    constant: Matrix
+
+
+def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, rng: np.random.Generator) -> _Moved:
+    base, (lower, upper) = base_link(robot, link), joint_limits(robot)
+    q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
+    turned, placed, axes = _places(_corrected(robot, errors, x), robot, base, link, q)
+    A = turned @ tool_jacobian(robot, errors, x, link, q)[:, :3]
+    G = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), -skew(placed), axes], axis=2).reshape(-1, 9)
+    constant = np.linalg.pinv(G, rcond=_SAME) @ A.reshape(-1, A.shape[2])
+    return _Moved(A, A - (G @ constant).reshape(A.shape), constant)
 
 
 def _size(rows: Matrix, posterior: FullPosterior) -> float:
@@ -187,9 +211,9 @@ def _offsets(posterior: FullPosterior) -> tuple[Vector, Vector]:
     return posterior.mean, posterior.mean - posterior.x
 
 
-def _corrected(robot: Robot, posterior: FullPosterior) -> Any:
-    """The whole robot's model where the calibrated robot stands."""
-    joints, origins = robot.tree.joints, posterior.errors.corrected_origins(posterior.x)
+def _corrected(robot: Robot, errors: ErrorModel, x: Vector) -> Any:
+    """The whole robot's model with the errors x."""
+    joints, origins = robot.tree.joints, errors.corrected_origins(x)
     return corrected_model(
         robot.model, {name: OriginCorrection(joints[name].origin, own, joints[name].moves) for name, own in origins.items()}
     )

@@ -86,7 +86,7 @@ class Verdict:
             FitRejected: says why.
         """
         if self.use == "no":
-            raise FitRejected("; ".join(self.reasons))
+            raise FitRejected("; ".join((*self.reasons, *self.advice)))
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def _few_numbers(judged: Judged) -> Iterator[Finding]:
     if read < unknown:
         where = "1 pose" if len(first) == 1 else f"{len(first)} poses"
         again = "" if len(first) == len(data) else f" (taken {len(data)} times in all)"
-        yield Finding("no", f"{read} numbers were read at {where}{again}, fewer than the {unknown} unknowns; measure more poses")
+        yield Finding("no", f"{read} numbers were read at {where}{again}, fewer than the {unknown} unknowns")
 
 
 def _stated_noise(judged: Judged) -> Iterator[Finding]:

@@ -68,6 +68,7 @@ def opening_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Opening:
         *([] if rejected else _good(calibration)),
         *_noted(calibration),
         _outlying(suspects, wording_of(calibration.data).one),
+        *_warned(calibration.warnings),
     ]
     table, constant = _predicted(verdict)
     return Opening(level, _SUMMARY[verdict.use], _headline(calibration), tuple(findings), table, constant)
@@ -139,8 +140,6 @@ def _noted(calibration: FitResult) -> Iterator[Finding]:
     if number:
         words = f"{count_of(number, wording_of(calibration.data).one)} left out or mended as outliers; the fit rests on {used}."
         yield Finding("note", words)
-    if calibration.warnings:
-        yield Finding("note", f"{count_of(len(calibration.warnings), 'warning')}, listed below.")
 
 
 def _decided(calibration: FitResult) -> Finding:
@@ -156,6 +155,11 @@ def _decided(calibration: FitResult) -> Finding:
         f"The data determine {seen.rank} of {len(parameters)} directions; {len(left)} of {total} {what} are not determined alone ({named}) "
         "and are held by their priors.",
     )
+
+
+def _warned(warnings: Sequence[str]) -> Iterator[Finding]:
+    if warnings:
+        yield Finding("note", f"{count_of(len(warnings), 'warning')}, listed below.")
 
 
 def _sentence(words: str) -> str:

@@ -55,7 +55,7 @@ def rough_mm(value: float) -> str:
     """A length in metres as millimetres, two digits that count."""
     if not math.isfinite(value):
         return "unknown"
-    return f"{value / MM:.0f}" if abs(value) >= 9.95 * MM else f"{value / MM:.2g}"
+    return f"{value / MM:.0f}" if abs(value) >= 9.95 * MM else f"{value / MM:#.2g}"
 
 
 def _table(verdict: Verdict) -> RenderableType:
