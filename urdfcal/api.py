@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import wraps
+from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, ParamSpec
 
@@ -19,6 +19,7 @@ from urdfcal.calibration.analysis import online
 from urdfcal.calibration.analysis.compensation import load_compensation
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.analysis.validation import holdout, kfold
+from urdfcal.calibration.analysis.verdict import Verdict, verdict_of
 from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.result import FitResult, corrected_camera
 from urdfcal.calibration.start.nominal import evaluate, held_instruments
@@ -54,6 +55,7 @@ __all__ = [
     "StoredCalibration",
     "UrdfcalError",
     "UsageError",
+    "Verdict",
     "__version__",
     "apply",
     "evaluate",
@@ -80,6 +82,19 @@ class Calibration(FitResult, Applicable):
     def of(cls, found: FitResult) -> Calibration:
         """The same, with what can be done with it."""
         return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """May it be used? `.use` is `yes`, `reservations` or `no`, with its `.reasons`; what terminal, reports and exit code say."""
+        return verdict_of(self)
+
+    def require_trustworthy(self) -> None:
+        """Raise if the calibration must not be used.
+
+        Raises:
+            FitRejected: says why.
+        """
+        self.verdict.require_usable()
 
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""

@@ -103,6 +103,36 @@ def test_a_rejected_fit_writes_nothing_unless_forced(run_cli: Run, tmp_path: Pat
     assert len(list(tmp_path.iterdir())) == 2
 
 
+def test_what_must_not_be_used_is_not_written(run_cli: Run, tmp_path: Path) -> None:
+    """Eight poses for 33 unknowns: exit code 3 in one line; with --force terminal, reports, JSON and exit code all say the same."""
+    few = tmp_path / "few.csv"
+    few.write_text("".join(MEASUREMENTS.read_text().splitlines(keepends=True)[:12]))
+    done = run_cli("fit", ARM7, few, "-q", "--report", "r.html")
+    assert (done.code, len(done.err.splitlines())) == (3, 1)
+    assert "fewer than the 33 unknowns" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["few.csv"]
+    forced = run_cli("fit", ARM7, few, "-q", "--force", "--report", "r.html", "--report", "r.md", "--report", "r.json")
+    assert forced.code == 3
+    assert forced.out.startswith("Verdict: do not use:\n  ")
+    reason = json.loads((tmp_path / "r.json").read_text())["verdict"]["reasons"][0]
+    assert "fewer than the 33 unknowns" in reason
+    assert reason in forced.out
+    for name in ("r.html", "r.md"):
+        text = (tmp_path / name).read_text()
+        assert "Do not use this calibration" in text
+        assert reason[1:] in text
+
+
+def test_verdict_and_tool_in_json(run_cli: Run) -> None:
+    """`--json` has the verdict, and with --tool both errors of that link; nothing is judged that was not fitted."""
+    result = json.loads(run_cli("fit", ARM7, MEASUREMENTS, "--json", "--tool", "link3").out)
+    assert (result["verdict"]["use"], result["verdict"]["reasons"], result["tool"]["link"]) == ("yes", [], "link3")
+    for key in ("up_to_constant_mm", "in_base_mm"):
+        figures = result["tool"][key]
+        assert 0 < figures["median"] <= figures["p95"] <= figures["worst"]
+    assert json.loads(run_cli("evaluate", ARM7, MEASUREMENTS, "--json").out)["verdict"] is None
+
+
 def test_test_poses_of_their_own_file(run_cli: Run) -> None:
     """--test evaluates another file; marked test poses and --test together are refused."""
     run_cli("simulate", ARM7, "-o", "m.csv", "--poses", "40", "--errors", ROBOTS_DIR / "arm7" / "errors.yaml")

@@ -29,6 +29,26 @@ def test_a_sum_is_determined_where_its_terms_are_not() -> None:
     assert by_words["a + b"].sigma == pytest.approx(0.01, rel=1e-3)
 
 
+@pytest.mark.parametrize("wide", [2.0, 10.0, 30.0])
+def test_a_narrow_prior_of_its_partner_determines_nothing(wide: float) -> None:
+    """No term of a sum that is determined alone is called determined, though its partner's prior puts it far under its own."""
+    H = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]) / 0.01
+    P = np.linalg.inv(np.diag([1.0, wide**-2.0, 1.0]) + H.T @ H)
+    found = identify(["narrow", "wide", "own"], np.zeros(3), P, np.array([1.0, wide, 1.0]))
+    assert found.left[1] == pytest.approx(1 / np.hypot(1, wide), rel=1e-3)
+    assert [set(each.terms) for each in found.combinations if each.determined] == [{"narrow", "wide"}]
+    assert found.determined == (False, False, True)
+
+
+def test_what_the_data_say_of_a_term_counts() -> None:
+    """A parameter that the data tell by itself is determined, and no term of the sum that it leaks into a little."""
+    H = np.array([[1.0, 1.0, 0.03], [0.0, 0.0, 1.0]]) / np.array([[0.01], [0.1]])
+    P = np.linalg.inv(np.eye(3) + H.T @ H)
+    found = identify(["a", "b", "c"], np.zeros(3), P, np.ones(3))
+    assert found.determined == (False, False, True)
+    assert [set(each.terms) for each in found.combinations if each.determined] == [{"a", "b"}]
+
+
 def test_everything_determined_has_no_combinations() -> None:
     """Where the data decide every parameter nothing is grouped."""
     found = identify(["a", "b"], np.zeros(2), np.eye(2) * 1e-4, np.ones(2))
@@ -45,7 +65,7 @@ def test_the_four_joint_arm_has_two_hidden_directions(robots: dict[str, Robot], 
     )
     assert found.identifiability.rank == 19
     hidden = {name for name, determined in zip(errors.names, found.identifiability.determined, strict=True) if not determined}
-    assert hidden == {"joint1.d_d", "joint2.d_d", "joint4.d_d"}  # slm.trans_z has the wider prior, so the narrower one of joint4 decides it
+    assert hidden == {"joint1.d_d", "joint2.d_d", "joint4.d_d", "slm.trans_z"}  # whose prior is the wider, so that joint4's decides it
     sums = [set(combination.terms) for combination in found.identifiability.combinations if combination.determined]
     assert {"joint1.d_d", "joint2.d_d"} in sums
     assert {"joint4.d_d", "slm.trans_z"} in sums

@@ -95,6 +95,7 @@ class FitResult:
         regained: How many these are.
         together: Where readings that the fit could not explain lie together, in words: scattered bad readings do not.
         test_trimmed: Distances of the test poses without their gross outliers: (before, after); None where there are none.
+        tool: Link whose accuracy is asked for; the empty string for the module or the target.
     """
 
     robot: Robot
@@ -123,6 +124,7 @@ class FitResult:
     regained: int = 0
     together: tuple[str, ...] = ()
     test_trimmed: tuple[SpotTable, SpotTable] | None = None
+    tool: str = ""
 
     @property
     def x(self) -> Vector:

@@ -115,7 +115,10 @@ def fit(
         int | None, typer.Option(min=2, metavar="N", help="Also fit N times with an Nth of the poses held out in turn.", show_default=False)
     ] = None,
     tool: Annotated[
-        str | None, typer.Option(metavar="LINK", help="Predict how far off this link still is, over the workspace.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="LINK", help="Judge by this link, and predict its error in the base frame and up to a constant.", show_default=False
+        ),
     ] = None,
     report: Annotated[
         list[Path] | None,
@@ -168,7 +171,7 @@ def fit(
 
     from urdfcal.api import fit as run_fit
     from urdfcal.base.files import write_together
-    from urdfcal.calibration.analysis.prediction import base_link, predicted_spots, workspace_accuracy
+    from urdfcal.calibration.analysis.prediction import base_link, predicted_spots
     from urdfcal.calibration.analysis.validation import coverage_warnings
     from urdfcal.calibration.analysis.validation import holdout as hold_out
     from urdfcal.calibration.analysis.validation import kfold as cross_validate
@@ -229,20 +232,19 @@ def fit(
         *(further.warnings if further else ()),
         *coverage_warnings(arm, calibration),
     )
-    calibration = replace(calibration, warnings=warned)
+    calibration = replace(calibration, warnings=warned, tool=tool or "")
     bent = wish.of(calibration)
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
+    if not force:
+        calibration.require_trustworthy()  # no folds for what is of no use anyway
+    if kfold is not None:
+        calibration = replace(calibration, folds=cross_validate(arm, data, kfold, rng(), **how))
+    verdict = calibration.verdict
     if force:
-        warn([f"--force: {calibration.rejection}"] if calibration.rejection else [], quiet)
+        warn([f"--force: {reason}" for reason in verdict.reasons if verdict.use == "no"], quiet)
     else:
-        calibration.require_trustworthy()
-    folds = cross_validate(arm, data, kfold, rng(), **how) if kfold is not None else None
-    calibration = replace(calibration, folds=folds)
-    extra = Extras(
-        workspace_accuracy(arm, calibration, tool, rng()) if tool is not None else None,
-        folds,
-        predicted_spots(arm, calibration, rng()),
-    )
+        verdict.require_usable()
+    extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
     files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)
     write_together(files)
@@ -250,7 +252,8 @@ def fit(
         written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": sag_json(bent) if bent else None}
         show(calibration_json(calibration) | extra.machine() | written, [])
     else:
-        show(None, [*calibration_blocks(calibration), *extra.blocks(), *(sag_blocks(bent, str(compensation or "")) if bent else [])])
+        bending = sag_blocks(bent, str(compensation or "")) if bent else []
+        show(None, [*calibration_blocks(calibration, extra.accuracy()), *extra.blocks(), *bending])
     say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
-    if calibration.rejection:
+    if verdict.use == "no":
         raise typer.Exit(FitRejected.exit_code)

@@ -84,7 +84,8 @@ def evaluate(
     fit_set, test_set = data.split()
     tables = {name: run_evaluate(arm, rows, rig_file.options()) for name, rows in (("fit", fit_set), ("test", test_set)) if len(rows)}
     whole = run_evaluate(arm, data, rig_file.options())
-    machine: dict[str, Any] = {"converged": None, "iterations": None, "rank": None, "parameters": [], "combinations": []}  # no fit was made
+    machine: dict[str, Any] = dict.fromkeys(("verdict", "converged", "iterations", "rank"))  # no fit was made
+    machine |= {"parameters": [], "combinations": []}
     machine |= {"before": table_json(whole), "after": table_json(whole), "test": None}
     if "test" in tables:
         machine["test"] = {"before": table_json(tables["test"]), "after": table_json(tables["test"])}

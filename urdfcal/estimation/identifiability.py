@@ -3,7 +3,8 @@
 Everything is measured against the prior: with the whitened Jacobian H and the prior standard deviations D, the singular values of
 H D tell how many times narrower than its prior the data make each direction of the state. A parameter, or a combination, is
 *determined* when its posterior standard deviation is under half its prior one; a direction is *hidden* when no spot moves with it
-at all.
+at all. Where the data determine a sum alone, a term whose prior is much wider than its partners' falls under half of it by what holds
+the partners and not by the data, so that no term of such a sum counts as determined.
 
 Observability indices of L seen directions with singular values s_1 >= ... >= s_L from m poses:
 
@@ -27,6 +28,7 @@ DETERMINED = 0.5  # posterior over prior standard deviation
 HIDDEN = 1e-9  # share of the largest singular value under which a direction moves no spot
 _MOST_TERMS = 6  # of a combination in words
 _NEGLIGIBLE = 0.02  # share of a direction's largest component that is not worth a word
+_MOSTLY = 0.5  # share of a parameter's variance that open directions must make up for it to be a term of what is seen as sums alone
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Identifiability:
 
     Attributes:
         rank: Number of directions of the state that the data determined.
-        determined: For each parameter, whether its sigma is under half its prior's.
+        determined: For each parameter, whether its sigma is under half its prior's, and not because a partner's prior is narrow.
         combinations: For the parameters that are not: the sums that are determined, then the directions that are not.
         left: For each parameter the share of its prior standard deviation that the data left.
     """
@@ -83,13 +85,16 @@ def identify(names: Sequence[str], x: Vector, P: Matrix, prior_sigma: Vector) ->
     """
     scaled = P / np.outer(prior_sigma, prior_sigma)
     variances, directions = np.linalg.eigh(scaled)
-    open_ = directions[:, variances >= DETERMINED**2]
+    wide = variances >= DETERMINED**2
+    open_ = directions[:, wide]
+    mostly_open = np.sum(open_**2 * variances[wide], axis=1) > _MOSTLY * np.diag(scaled)
     left = np.sqrt(np.diag(scaled))
-    combinations = [
-        _combination(names, weights, x, P, prior_sigma)
-        for weights in [*_determined_sums(open_, prior_sigma), *(prior_sigma * row for row in _sparse_basis(open_.T))]
-    ]
-    return Identifiability(len(names) - open_.shape[1], tuple((left < DETERMINED).tolist()), tuple(combinations), tuple(left.tolist()))
+    sums = [_combination(names, weights, x, P, prior_sigma) for weights in _determined_sums(open_ * mostly_open[:, None], prior_sigma)]
+    rest = [_open_direction(names, row, x, P, prior_sigma) for row in _sparse_basis(open_.T)]
+    alone = dict(zip(names, (left < DETERMINED).tolist(), strict=True))
+    told = [each.terms for each in sums if each.determined and len(each.terms) > 1 and not all(alone[name] for name in each.terms)]
+    determined = tuple(flag and not any(name in terms for terms in told) for name, flag in alone.items())
+    return Identifiability(len(names) - open_.shape[1], determined, (*sums, *rest), tuple(left.tolist()))
 
 
 def with_sigmas(seen: Identifiability, P: Matrix, names: Sequence[str]) -> Identifiability:
@@ -219,6 +224,12 @@ def _combination(names: Sequence[str], weights: Vector, x: Vector, P: Matrix, pr
     sigma, prior = np.sqrt(weights @ P @ weights), np.linalg.norm(weights * prior_sigma)
     terms = {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}
     return Combination(terms, float(weights @ x), float(sigma), bool(sigma < DETERMINED * prior), float(sigma / prior))
+
+
+def _open_direction(names: Sequence[str], row: Vector, x: Vector, P: Matrix, prior_sigma: Vector) -> Combination:
+    """A direction that the data left open, given in units of the prior; what is left of its prior is taken in those units, too."""
+    away = row / np.linalg.norm(row) / prior_sigma
+    return replace(_combination(names, prior_sigma * row, x, P, prior_sigma), determined=False, left=float(np.sqrt(away @ P @ away)))
 
 
 def _determined_sums(open_: Matrix, prior_sigma: Vector) -> list[Vector]:

@@ -19,7 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from urdfcal.base.geometry import SE3, Matrix, Vector
+from urdfcal.base.geometry import SE3, Matrix, Vector, six_screws
+from urdfcal.model.parameters import FLAT
+from urdfcal.robot.rig import SIX
+
+_HELD = 1e-9  # [m] and [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +73,19 @@ class EarlierJoints:
         whitened = np.zeros((len(free), len(names)))
         whitened[:, [names.index(self.names[shared[row]]) for row in free]] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         return whitened
+
+    def in_six(self, joints: Collection[str]) -> EarlierJoints:
+        """What is known of joints, as all six numbers of each placement; where it is held, it is known to a nanometre."""
+        own = [index for index, joint in enumerate(self.joints) if joint in joints]
+        names = list(dict.fromkeys(self.joints[index] for index in own))
+        S = np.zeros((6 * len(names), len(own)))
+        for column, index in enumerate(own):
+            row = 6 * names.index(self.joints[index])
+            S[row : row + 6, column] = self.screws[:, index]
+        covariance = S @ self._block(own, own) @ S.T + _HELD**2 * np.eye(len(S))
+        every = tuple(f"{joint}.{name}" for joint in names for name in SIX)
+        screws = np.tile(six_screws(), len(names))
+        return EarlierJoints(every, np.full(len(every), FLAT), screws, covariance, {joint: self.origins[joint] for joint in names})
 
     def followers(self, joints: Collection[str], names: Sequence[str]) -> dict[str, Matrix]:
         """How far the placement of each joint that is not shared follows the state, as a twist in its own axes, (6, p), by joint."""

@@ -22,7 +22,7 @@ from urdfcal.output.report.content import report_of
 from urdfcal.output.report.files import write_report
 from urdfcal.output.report.residuals import residuals_of
 from urdfcal.output.report.suspects import spreads, suspects
-from urdfcal.output.report.verdict import verdict_of
+from urdfcal.output.report.verdict import opening_of
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import measurements_from
 from urdfcal.sensors.measurements_csv import read_measurements
@@ -190,7 +190,7 @@ def test_a_fit_that_did_not_converge_is_reported_as_bad(robots: dict[str, Robot]
     """After a single sweep the report is written all the same, and its verdict is not to use the result."""
     calibration = simulated(robots["arm4"], max_sweeps=1, gated=False)
     assert not calibration.converged
-    assert verdict_of(calibration, []).level == "bad"
+    assert opening_of(calibration, []).level == "bad"
     assert "did not converge" in written(calibration, ending)
 
 
@@ -208,7 +208,7 @@ def test_noise_that_is_stated_too_small_is_bad_and_no_single_spot_is_blamed(robo
     sets = residuals_of(calibration)
     assert spreads(calibration, sets)["spot"] == pytest.approx(10, rel=0.2)
     assert suspects(calibration, sets) == []
-    assert verdict_of(calibration, []).level == "bad"
+    assert opening_of(calibration, []).level == "bad"
 
 
 @pytest.mark.parametrize("gated", [True, False])
@@ -248,12 +248,12 @@ def test_healthy_data_raise_no_suspicion(robots: dict[str, Robot]) -> None:
     assert found <= 1
 
 
-def test_undetermined_parameters_are_a_reservation(robots: dict[str, Robot], written: Written) -> None:
-    """Under dh the paper's four-joint arm shows only joint1.d_d + joint2.d_d; table and verdict say so."""
+def test_undetermined_parameters_are_told_and_no_reservation(robots: dict[str, Robot], written: Written) -> None:
+    """Under dh the paper's four-joint arm shows only joint1.d_d + joint2.d_d; table and verdict say so, and it can be used all the same."""
     calibration = simulated(robots["arm4"], tested=20, error_model="dh")
-    verdict = verdict_of(calibration, [])
-    assert verdict.level == "warn"
-    assert any("joint1.d_d" in finding.text for finding in verdict.findings if finding.level == "warn")
+    opening = opening_of(calibration, [])
+    assert opening.level == "good"
+    assert any("joint1.d_d" in finding.text for finding in opening.findings if finding.level == "note")
     text = written(calibration, ".md")
     assert "| joint1.d\\_d | not determined |" in text.replace("joint1.d_d", "joint1.d\\_d")
     assert "joint1.d_d + joint2.d_d" in text

@@ -22,7 +22,7 @@ from urdfcal.output.report.html import page
 from urdfcal.output.report.markdown import markdown
 from urdfcal.output.report.residuals import residuals_of
 from urdfcal.output.report.suspects import suspects
-from urdfcal.output.report.verdict import verdict_of
+from urdfcal.output.report.verdict import opening_of
 from urdfcal.output.text.check import check_blocks, check_json
 from urdfcal.output.text.instruments import length_entries, parameters_in_words, place_entries
 from urdfcal.output.text.result import calibration_json, text_report
@@ -115,7 +115,7 @@ def test_every_arrangement_can_be_checked(case: Calibration) -> None:
 
 
 def test_a_wild_reading_is_named_and_healthy_ones_are_not(robots: dict[str, Robot]) -> None:
-    """A point that is 20 mm off is the one suspect, and the verdict names its pose, when the fit has to live with it."""
+    """A point that is 20 mm off is the one suspect, and the report's opening names its pose, when the fit has to live with it."""
     rng = np.random.default_rng(3)
     setup = setup_of(CASES["pose"], robots, rng)
     data = simulate_readings(setup, 60, rng, NOISE)
@@ -126,7 +126,7 @@ def test_a_wild_reading_is_named_and_healthy_ones_are_not(robots: dict[str, Robo
     report = report_of(calibration, COMMAND)
     assert report.suspects[0].pose == data.poses[11]
     assert report.suspects[0].distance > 10
-    told = [finding.text for finding in report.verdict.findings if finding.level == "warn"]
+    told = [finding.text for finding in report.opening.findings if finding.level == "note"]
     assert any("measurement" in text and f"pose {data.poses[11]}" in text for text in told)
 
 
@@ -146,7 +146,7 @@ def test_places_and_known_lengths_are_told(robots: dict[str, Robot]) -> None:
 def test_orientation_is_told_in_degrees(robots: dict[str, Robot]) -> None:
     """Headline and table give points in mm and orientations in deg."""
     calibration = calibrated("pose", robots)
-    headline = verdict_of(calibration, []).headline
+    headline = opening_of(calibration, []).headline
     assert re.search(r"lay [\d.]+ mm and [\d.]+ deg off on average; after calibration [\d.]+ mm and [\d.]+ deg \(", headline)
     assert "in mm and deg" in text_report(calibration)
 

@@ -10,8 +10,8 @@ taken together.
 The tool's error is relative to the *base link*: the link on which the first calibrated joint on the tool's own way from the root
 hangs. Screen and lasers are instruments, so their placements do not enter, unless the tool is itself mounted behind them (the module
 is: its mount counts for it). Mind the gauge: under the error model `auto`, parameters of the first joints that no measurement could
-tell from the screen's placement are carried by it, and the last joint's zero by the mount. They have no sigma of their own, so the
-base frame meant here is the one that the calibrated screen defines; where that frame lies in the room is not part of the tool's error.
+tell from the screen's placement are carried by it, and the last joint's zero by the mount. They have no sigma of their own here;
+`tool_accuracy.py` takes them in.
 """
 
 from __future__ import annotations
@@ -28,46 +28,10 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.begin import has_spots_in_metres
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import ArmKinematics, motion_at
-from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements, spot_readings
 from urdfcal.sensors.spots import beams_at
-
-_CONFIGURATIONS = 200
-
-
-@dataclass(frozen=True)
-class WorkspaceAccuracy:
-    """Predicted error of a link relative to the base, over random configurations within the joint limits.
-
-    Attributes:
-        link, base: The two links.
-        mm, mrad: Root mean square over the configurations of the predicted error in position and rotation.
-        worst_mm: Of the worst configuration.
-    """
-
-    link: str
-    base: str
-    mm: float
-    mrad: float
-    worst_mm: float
-
-    def words(self) -> str:
-        """One line."""
-        return (
-            f"{self.link} relative to {self.base}, over the workspace: {self.mm:.2g} mm and {self.mrad:.2g} mrad expected, "
-            f"{self.worst_mm:.2g} mm in the worst configuration"
-        )
-
-
-def workspace_accuracy(robot: Robot, calibration: FitResult, link: str, rng: np.random.Generator) -> WorkspaceAccuracy:
-    """Predict how far off a link still is, from the covariance of the fit; see `prediction.py` for what carries no sigma."""
-    lower, upper = joint_limits(robot, calibration.data.q)
-    q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
-    sigma = tool_sigma(robot, calibration.errors, calibration.covariance, calibration.x, link, q) * 1e3
-    mm, mrad = np.sqrt(np.mean(sigma**2, axis=0))
-    return WorkspaceAccuracy(link, base_link(robot, link), float(mm), float(mrad), float(sigma[:, 0].max()))
 
 
 def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:

@@ -15,6 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector, X, Y
+from urdfcal.calibration.analysis.more_poses import FURTHER, covariance, information_of_a_pose
+from urdfcal.calibration.analysis.prediction import default_tool, spread
+from urdfcal.calibration.analysis.tool_accuracy import motion_up_to_constants
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.estimation.ekf import Belief, compress, update
@@ -34,6 +37,7 @@ from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.spots import beams_at, beams_of, spot_jacobian
 
+_GOOD = 0.1  # share of what the priors hold possible that a link's error is to come under
 _WORTH_A_WORD = 0.15  # share of the open uncertainty that a suggestion must remove beyond what as many more of the same poses would
 _SPREADS = 60 * DEG, -60 * DEG, 30 * DEG, -30 * DEG  # angles between a laser and the second one that is tried, until one is seen
 _MOVED_SCREEN = {"trans_x": -0.3, "rot_y": 20 * DEG, "rot_z": 20 * DEG}  # another session's screen that is tried, [m] and [rad]
@@ -143,10 +147,30 @@ def suggestions(trial: Trial, rng: np.random.Generator) -> tuple[Suggestion, ...
     """Further measurements that remove more of the open uncertainty than as many more of the same would, best first."""
     same = trial.posterior_with(trial.measured)
     known, before = set(determined_names(trial.errors, same)), open_share(trial.errors, same)
-    worth = [each for words, P in _candidates(trial, rng) for each in if_worth(trial.errors, words, before, P, known)]
+    worth = list(_more_poses(trial, rng))
+    worth += [each for words, P in _candidates(trial, rng) for each in if_worth(trial.errors, words, before, P, known)]
     if trial.lasers_alone:
         worth += _missing_yaw(trial)
     return tuple(sorted(worth, key=lambda suggestion: -suggestion.gain))
+
+
+def _more_poses(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
+    """So many poses of the same kind that a link's error, up to constants, comes under a share of what the priors hold possible."""
+    link, errors = default_tool(trial.robot), trial.errors
+    a_pose, measured = information_of_a_pose(errors, trial.data, trial.noise, trial.x, rng), trial.measured.T @ trial.measured
+    A = motion_up_to_constants(trial.robot, errors, trial.x, link, rng)
+
+    def left(further: int) -> float:
+        return float(np.sqrt(np.mean(spread(A, covariance(measured + further * a_pose, errors.sigma)) ** 2)))
+
+    nominal, now = float(np.sqrt(np.mean(spread(A, np.diag(errors.sigma**2)) ** 2))), left(0)
+    if now <= _GOOD * nominal:
+        return
+    needed = next((further for further in FURTHER if left(further) <= _GOOD * nominal), None)
+    if needed is not None:
+        then = left(needed)
+        words = f"more poses: about {len(trial.data) + needed} of the same kind, which leave {link} {then / MM:.2g} mm off up to a constant"
+        yield Suggestion(f"{words}, now {now / MM:.2g} mm", 1 - then / now)
 
 
 def _candidates(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:

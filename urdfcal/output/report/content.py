@@ -8,16 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.terminal import displayed, value_and_sigma
+from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.identifiability import DETERMINED, Combination
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
 from urdfcal.output.report.document import Block, Cell, Gallery, Points, Section, Share, Table
-from urdfcal.output.report.residuals import Residuals, honest_covariance, residuals_of
+from urdfcal.output.report.residuals import Residuals, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
-from urdfcal.output.report.verdict import Verdict, count_of, verdict_of
+from urdfcal.output.report.verdict import Opening, count_of, opening_of
 from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
@@ -35,7 +36,7 @@ class Report:
     Attributes:
         title: Its heading.
         subtitle: Which data, which estimator.
-        verdict: Whether the calibration may be used.
+        opening: Whether the calibration may be used.
         sections: Everything else.
         residuals: Of every reading at the fitted and the test poses, for pictures.
         suspects: Readings that do not belong to the rest, for pictures.
@@ -43,7 +44,7 @@ class Report:
 
     title: str
     subtitle: str
-    verdict: Verdict
+    opening: Opening
     sections: tuple[Section, ...]
     residuals: tuple[Residuals, ...]
     suspects: tuple[Suspect, ...]
@@ -71,7 +72,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
     subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     shown = tuple(each for each in sections if each.blocks)
-    return Report(title, subtitle, verdict_of(calibration, found), shown, tuple(sets), tuple(found))
+    return Report(title, subtitle, opening_of(calibration, found), shown, tuple(sets), tuple(found))
 
 
 def _measured(calibration: FitResult) -> Section:
@@ -115,21 +116,23 @@ def _convergence(calibration: FitResult) -> Section:
 def _parameters(calibration: FitResult) -> Section:
     text = (
         "Errors of the robot against its URDF. The last column is how much of the stated prior's uncertainty the data leave; a parameter "
-        f"is determined when that is under {DETERMINED * 100:.0f} %. The truth lies within 1.96 sigma 95 times in 100."
+        f"is determined when that is under {DETERMINED * 100:.0f} % and it is no term of a sum that is determined alone. "
+        "The truth lies within 1.96 sigma 95 times in 100."
     )
     if calibration.evidence is not None:
         text += " The prior sigmas of the joints are those that the data made most probable."
     if not honest_covariance(calibration):
         text += " That does not hold here: the sigmas of the paper's schedule follow from its Q and R."
-    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.left, strict=True)
+    seen = calibration.identifiability
+    every = zip(calibration.errors.parameters, calibration.x, calibration.sigma, seen.left, seen.determined, strict=True)
     rows = tuple(_parameter_row(*row) for row in every if row[0].kind not in INSTRUMENTS)
     table = Table(("parameter", "value ± sigma", "prior sigma", "left of prior"), rows)
     return Section("parameters", "Parameters", (text, Gallery("parameters"), table) if rows else ())
 
 
-def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float) -> tuple[Cell, ...]:
+def _parameter_row(parameter: Parameter, value: float, sigma: float, left: float, determined: bool) -> tuple[Cell, ...]:
     unit, size = displayed(parameter.unit)
-    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if left < DETERMINED else "not determined"
+    told = f"{value_and_sigma(value / size, sigma / size)} {unit}" if determined else "not determined"
     return (parameter.name, told, prior_text(parameter.sigma, parameter.unit), Share(left, DETERMINED))
 
 

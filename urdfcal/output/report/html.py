@@ -19,7 +19,8 @@ from urdfcal.output.text.instruments import measuring_frame
 
 _MARKS: dict[Level, dict[str, str]] = {
     "good": {"sign": "✓", "meaning": "good"},
-    "warn": {"sign": "!", "meaning": "to be noted"},
+    "note": {"sign": "i", "meaning": "to be noted"},
+    "warn": {"sign": "!", "meaning": "a reservation"},
     "bad": {"sign": "✕", "meaning": "bad"},
 }
 

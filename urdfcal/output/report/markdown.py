@@ -8,14 +8,15 @@ from urdfcal.output.report.content import Report
 from urdfcal.output.report.document import Block, Gallery, Points, Table
 from urdfcal.output.report.verdict import Level
 
-_MARKS: dict[Level, str] = {"good": "OK", "warn": "NOTE", "bad": "NO"}
+_MARKS: dict[Level, str] = {"good": "OK", "note": "NOTE", "warn": "RESERVATION", "bad": "NO"}
 
 
 def markdown(report: Report) -> str:
     """The report in GitHub's Markdown."""
-    verdict = report.verdict
-    parts = [f"# {_text(report.title)}", _text(report.subtitle), f"**{_text(verdict.summary)}.** {_text(verdict.headline)}"]
-    parts.append("\n".join(f"- {_MARKS[finding.level]}: {_text(finding.text)}" for finding in verdict.findings))
+    opening = report.opening
+    parts = [f"# {_text(report.title)}", _text(report.subtitle), f"**{_text(opening.summary)}.** {_text(opening.headline)}"]
+    parts += [_table(opening.predicted), _text(opening.constant)] if opening.predicted is not None else []
+    parts.append("\n".join(f"- {_MARKS[finding.level]}: {_text(finding.text)}" for finding in opening.findings))
     for section in report.sections:
         parts += [f"## {_text(section.title)}", *(_block(block) for block in section.blocks if not isinstance(block, Gallery))]
     return "\n\n".join(parts) + "\n"

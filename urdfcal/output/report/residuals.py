@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Labels, Matrix, Vector
+from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.problem import Channel, Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.nominal import with_new_places
@@ -82,18 +83,6 @@ def residuals_of(calibration: FitResult) -> list[Residuals]:
     """Every sensor's readings of every target at the fitted poses and, if there are any, at the test poses."""
     found = _of_set(calibration, "fit", calibration.data)
     return found + (_of_set(calibration, "test", calibration.test_data) if calibration.test_data is not None else [])
-
-
-def honest_covariance(calibration: FitResult) -> bool:
-    """Whether sigmas are statements about accuracy; those of the paper's schedule are the filter's own."""
-    return "paper" not in calibration.estimator
-
-
-def used_share(calibration: FitResult) -> float:
-    """Which part of the numbers that were fitted the parameters used up: p - tr(P P0^-1) of them."""
-    measured = calibration.data.numbers
-    used = max(measured - calibration.freedom, 0.0) if honest_covariance(calibration) else float(calibration.identifiability.rank)
-    return used / max(measured, 1)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from urdfcal.calibration.analysis.verdict import used_share
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.chi_squared import medians, quantile
-from urdfcal.output.report.residuals import Residuals, used_share
+from urdfcal.output.report.residuals import Residuals
 
 _LEAST_SPREAD = 1e-6  # [m], [rad] or [px]: residuals below it are rounding
 _ENOUGH = 20  # readings from which a median says something

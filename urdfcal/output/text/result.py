@@ -10,7 +10,8 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.terminal import as_text, displayed, figures_table, titled, value_and_sigma
-from urdfcal.calibration.analysis.prediction import SpotAccuracy, WorkspaceAccuracy
+from urdfcal.calibration.analysis.prediction import SpotAccuracy
+from urdfcal.calibration.analysis.verdict import verdict_of
 from urdfcal.calibration.error_table import main_unit, rms_of
 from urdfcal.calibration.result import CrossValidation
 from urdfcal.estimation.identifiability import Combination, correlated_groups
@@ -19,6 +20,7 @@ from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
 from urdfcal.output.text.instruments import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
 from urdfcal.output.text.outliers import outlier_blocks
+from urdfcal.output.text.verdict import verdict_blocks
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -36,24 +38,25 @@ class Extras:
     """What is said beyond the fit itself.
 
     Attributes:
-        accuracy: Of a tool, if it was asked for.
         folds: Cross-validation, if it was asked for.
         spots: Predicted accuracy of the spots, where there are lasers.
     """
 
-    accuracy: WorkspaceAccuracy | None
     folds: CrossValidation | None
     spots: SpotAccuracy | None = None
 
-    def blocks(self) -> list[RenderableType]:
-        """For people."""
+    def accuracy(self) -> list[RenderableType]:
+        """How far off the spots are predicted to be, for people."""
         blocks: list[RenderableType] = []
         if self.spots is not None:
             rows = zip(self.spots.lasers, self.spots.median / MM, self.spots.most / MM, self.spots.worst / MM, strict=True)
             words = "; ".join(f"{laser} {median:.2g}, {most:.2g}, {worst:.2g} mm" for laser, median, most, worst in rows)
-            blocks += ["", f"Predicted error of the spots over the workspace (median, 95 %, worst): {words}"]
-        if self.accuracy is not None:
-            blocks += ["", self.accuracy.words()]
+            blocks += [f"Predicted error of the spots over the workspace (median, 95 %, worst): {words}"]
+        return blocks
+
+    def blocks(self) -> list[RenderableType]:
+        """What comes after the fit itself, for people."""
+        blocks: list[RenderableType] = []
         if self.folds is not None:
             blocks += ["", "Cross-validation: every pose predicted by a fit that did not see it", ""]
             blocks += [spot_table_block([(f"{self.folds.folds}-fold", self.folds.before, self.folds.after)], self.folds.spots)]
@@ -68,8 +71,6 @@ class Extras:
             machine["predicted_spots"] = {
                 laser: {"median": float(median), "quantile_95": float(most), "worst": float(worst)} for laser, median, most, worst in rows
             }
-        if self.accuracy is not None:
-            machine["tool"] = asdict(self.accuracy)
         if self.folds is not None:
             machine["kfold"] = {
                 "folds": self.folds.folds,
@@ -86,14 +87,17 @@ def text_report(calibration: FitResult) -> str:
     return as_text(calibration_blocks(calibration))
 
 
-def calibration_blocks(calibration: FitResult) -> list[RenderableType]:
-    """Headline, spot table, parameters, and what the data did not decide."""
+def calibration_blocks(calibration: FitResult, accuracy: Iterable[RenderableType] = ()) -> list[RenderableType]:
+    """Verdict, predicted accuracy, headline, spot table, parameters, and what the data did not decide."""
     tables = [("fit", calibration.before, calibration.after)]
     if calibration.test:
         tables.append(("test", *calibration.test))
     if calibration.test_trimmed:
         tables.append(("test, trimmed", *calibration.test_trimmed))
     return [
+        *verdict_blocks(verdict_of(calibration)),
+        *accuracy,
+        "",
         _headline(calibration),
         "",
         spot_table_block(tables, calibration.data.only_spots),
@@ -179,7 +183,10 @@ def carried_lines(carried: Mapping[str, str]) -> list[str]:
 def calibration_json(calibration: FitResult) -> dict[str, Any]:
     """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
     noise, spot_noise, trimmed = calibration.estimate.noise, calibration.noise_of("spot"), calibration.test_trimmed
+    verdict = verdict_of(calibration)
     return {
+        "verdict": verdict.entry(),
+        "tool": verdict.tool.entry() if calibration.tool and verdict.tool is not None else None,
         "converged": calibration.converged,
         "stop": calibration.stop_reason,
         "rejected": calibration.rejection or None,

@@ -1,0 +1,162 @@
+"""May a calibration be used? Sets that must not be, sets that can be, and each concern by itself."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.support.paths import ROBOTS_DIR
+from tests.support.sensor_cases import CASES, NOISE, setup_of
+from urdfcal.api import Calibration, FitRejected, fit
+from urdfcal.calibration.analysis.validation import kfold
+from urdfcal.calibration.analysis.verdict import verdict_of
+from urdfcal.calibration.error_table import SpotErrors
+from urdfcal.calibration.result import FitResult
+from urdfcal.robot.robot import Robot
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.measurements_csv import read_measurements
+from urdfcal.simulation.readings import simulate_readings
+
+
+def example(robots: dict[str, Robot]) -> Measurements:
+    """The spots that come with the seven-joint arm."""
+    return read_measurements(ROBOTS_DIR / "arm7" / "measurements.csv", robots["arm7"])
+
+
+@pytest.fixture(scope="module")
+def arm7(robots: dict[str, Robot]) -> Calibration:
+    """Their fit."""
+    return fit(robots["arm7"], example(robots))
+
+
+def points(robots: dict[str, Robot], poses: int, case: str = "point", seed: int = 1) -> tuple[Robot, Measurements]:
+    """What a tracker reads of a robot with simulated errors."""
+    rng = np.random.default_rng(seed)
+    setup = setup_of(CASES[case], robots, rng)
+    return setup.robot, simulate_readings(setup, poses, rng, NOISE)
+
+
+def stated(data: Measurements, sigma: float) -> Measurements:
+    """The same with a sigma for every reading, [m]."""
+    return replace(data, readings=tuple(replace(own, sigma=np.full(len(data), sigma)) for own in data.readings))
+
+
+def test_the_example_can_be_used(arm7: Calibration) -> None:
+    """The best set that we have is usable without a word beside it, and its link is what the module is."""
+    verdict = arm7.verdict
+    assert (verdict.use, verdict.reasons, verdict.advice, verdict.words) == ("yes", (), (), "can be used")
+    assert verdict.tool is not None
+    assert (verdict.tool.link, verdict.tool.base) == ("slm", "screen")
+    assert verdict.tool.in_base.better > 0.999
+    verdict.require_usable()
+
+
+@pytest.mark.parametrize("case", ["pose", "head camera", "reference carried", "several targets", "lasers and points", "sessions"])
+def test_good_sets_of_every_arrangement_can_be_used(robots: dict[str, Robot], case: str) -> None:
+    """60 poses of what is wrong by millimetres, read to tenths of one, make a calibration that can be used."""
+    robot, data = points(robots, 60, case)
+    assert fit(robot, data).verdict.use in ("yes", "reservations")
+
+
+def test_five_points_for_thirty_unknowns_are_refused(robots: dict[str, Robot]) -> None:
+    """Residuals of micrometres are no accuracy where fewer numbers were read than there are unknowns."""
+    robot, data = points(robots, 5)
+    found = fit(robot, data)
+    assert found.after["tool0"].mean < 0.01
+    assert found.verdict.use == "no"
+    assert re.search(r"15 numbers were read at 5 poses, fewer than the \d\d unknowns", found.verdict.words)
+
+
+def test_three_poses_of_lasers_are_refused(robots: dict[str, Robot]) -> None:
+    """Twelve numbers leave a hundred millimetres open on the screen."""
+    data = example(robots).split()[0]
+    assert fit(robots["arm7"], data.subset(np.arange(3))).verdict.use == "no"
+
+
+@pytest.mark.parametrize("copies", [1, 30])
+def test_one_pose_again_and_again_is_one_pose(robots: dict[str, Robot], copies: int) -> None:
+    """Thirty readings of one pose are refused like one."""
+    robot, data = points(robots, 1, "pose")
+    rng = np.random.default_rng(0)
+    again = data.subset(np.zeros(copies, dtype=int))
+    values = again.readings[0].values + rng.normal(0, 1e-4, (copies, 3))
+    again = replace(again, readings=(replace(again.readings[0], values=values), *again.readings[1:]))
+    verdict = fit(robot, again, sane=False).verdict
+    assert verdict.use == "no"
+    assert "6 numbers were read at 1 pose" in verdict.words or "numbers" not in verdict.words
+
+
+def test_a_sigma_in_another_unit_is_refused(robots: dict[str, Robot]) -> None:
+    """Tenths of a millimetre stated as tenths of a metre make chi-square a millionth; twice the noise is a reservation, the noise none."""
+    robot, data = points(robots, 60)
+    verdicts = [fit(robot, stated(data, sigma)).verdict for sigma in (0.1, 0.18e-3, 0.1e-3)]
+    assert [verdict.use for verdict in verdicts] == ["no", "reservations", "yes"]
+    assert "is the noise stated in another unit?" in verdicts[0].words
+    assert "chi-square" in verdicts[1].words
+
+
+def test_a_robot_that_is_right_already_is_not_made_better(robots: dict[str, Robot]) -> None:
+    """Fitted once more to its own calibrated URDF's readings nothing is clearly better, and that is said with both errors."""
+    rng = np.random.default_rng(4)
+    setup = setup_of(CASES["point"], robots, rng)
+    right = replace(setup, x=np.zeros_like(setup.x))
+    found = fit(setup.robot, simulate_readings(right, 25, rng, replace(NOISE, length=1e-3)))
+    assert found.verdict.use == "no"
+    assert re.search(r"predicted .* off, which is not clearly below the nominal robot's|made nothing better", found.verdict.words)
+
+
+def tables(found: FitResult, times: float) -> FitResult:
+    """The same with test readings so many times as far off as the fitted ones."""
+    unit = {name: replace(row, mean=row.mean * times, std=row.std * times) for name, row in found.after.items()}
+    return replace(found, test=(found.before, unit))
+
+
+@pytest.mark.parametrize(("times", "use"), [(1.1, "yes"), (2.5, "reservations"), (5.0, "no"), (1e3, "no")])
+def test_test_readings_count(arm7: Calibration, times: float, use: str) -> None:
+    """Half as much again as can be expected is a reservation; three times, or more than the nominal robot's, is not to be used."""
+    verdict = verdict_of(tables(arm7, times))
+    assert verdict.use == use
+    assert ("test readings are" in verdict.words) == (use != "yes")
+    assert ("with the nominal robot" in verdict.words) == (times == 1e3)
+
+
+def test_folds_are_test_readings(robots: dict[str, Robot]) -> None:
+    """Poses left out in turn are judged like test poses; of healthy data they are no reservation."""
+    robot, data = points(robots, 40)
+    found = fit(robot, data)
+    folds = kfold(robot, data, 4, np.random.default_rng(0))
+    assert verdict_of(replace(found, folds=folds)).use == "yes"
+    far = {name: SpotErrors(row.mean * 50, row.std * 50, row.max * 50, row.n) for name, row in folds.after.items()}
+    judged = verdict_of(replace(found, folds=replace(folds, after=far)))
+    assert judged.use == "no"
+    assert "readings left out in turn (4 fits)" in judged.words
+
+
+def test_a_fit_that_went_wrong_is_refused_without_more_ado(robots: dict[str, Robot]) -> None:
+    """After one sweep nothing is predicted; the reason is the fit's own, and `require_trustworthy` raises with it."""
+    found = fit(robots["arm7"], example(robots), max_sweeps=1)
+    assert (found.verdict.use, found.verdict.reasons, found.verdict.tool) == ("no", (found.rejection,), None)
+    with pytest.raises(FitRejected, match="did not converge"):
+        found.require_trustworthy()
+
+
+def test_the_verdict_is_about_the_link_that_is_asked_for(arm7: Calibration) -> None:
+    """With `tool` the prediction is that link's, nearer to the base and less far off."""
+    other = verdict_of(replace(arm7, tool="link3"))
+    assert other.tool is not None
+    assert arm7.verdict.tool is not None
+    assert other.tool.link == "link3"
+    assert other.tool.in_base.before.rms < arm7.verdict.tool.in_base.before.rms
+
+
+def test_few_poses_are_told_how_many_would_do(robots: dict[str, Robot]) -> None:
+    """A set that leaves much open names a number of poses of its kind, and that many make the prediction good."""
+    robot, data = points(robots, 4)
+    verdict = fit(robot, data, sane=False).verdict
+    assert verdict.use == "no"
+    assert verdict.tool is not None
+    assert verdict.tool.up_to_constant.left > 0.5
+    assert re.fullmatch(r"more poses: about \d+ of the same kind would bring tool0 under 33% of the nominal robot's error", *verdict.advice)

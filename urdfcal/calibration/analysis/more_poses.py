@@ -1,0 +1,70 @@
+"""What one more pose of the same kind would say: how much the data would tell if more had been taken.
+
+A further pose takes each joint's position from a pose of its own, so that it lies within the ranges of those that were measured and
+is none of them. What the sensors would read there is what the model predicts. Touches reach their place at no such pose: there, as many
+more of the same are taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.problem import Problem, problem_of
+from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.sensors.measurements import Measurements
+
+FURTHER = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320)  # poses that are tried beyond those that there are
+_TRIED = 300  # further poses that are looked at
+_FAR_OFF = 1e2  # [m per rad] beams that graze the screen tell nothing that anyone could read
+
+
+def information_of_a_pose(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector, rng: np.random.Generator) -> Matrix:
+    """What a further pose tells on average: its whitened H'H, (p, p).
+
+    Args:
+        errors: The error model.
+        data: The poses that there are.
+        noise: Of their readings.
+        x: Where the measurement is linearised, (p,).
+        rng: Source of randomness.
+    """
+    data = replace(data, lengths=())
+    further = data if any(reading.kind.touches for reading in data.readings) else _elsewhere(errors, data, x, rng)
+    linearisation = _without_lost(problem_of(replace(errors, held_sum={}), further, noise).linearise(x))
+    H = noise.weights(linearisation).jacobian(linearisation)
+    return np.asarray(H.T @ H / len(further))
+
+
+def _elsewhere(errors: ErrorModel, data: Measurements, x: Vector, rng: np.random.Generator) -> Measurements:
+    """Poses between those that were measured, with the readings that are predicted there."""
+    there = data.subset(rng.integers(0, len(data), _TRIED))
+    there = replace(there, q=np.column_stack([rng.permutation(column) for column in there.q.T]))
+    with np.errstate(invalid="ignore"):
+        values = Problem(errors, there).read(x)
+    readings = (replace(own, values=np.where(own.seen[:, None], read, np.nan)) for own, read in zip(there.readings, values, strict=True))
+    return replace(there, readings=tuple(readings))
+
+
+def _without_lost(linearisation: Linearisation) -> Linearisation:
+    """Readings that could not be made do not count."""
+    J = linearisation.jacobian
+    bad = ~np.isfinite(J).all(axis=2) | ~np.isfinite(linearisation.residual) | (np.abs(J).max(axis=2, initial=0.0) > _FAR_OFF)
+    if linearisation.lost is not None:
+        bad = bad | linearisation.lost[:, linearisation.block_of]
+    return replace(
+        linearisation,
+        residual=np.where(bad, 0.0, linearisation.residual),
+        jacobian=np.where(bad[..., None], 0.0, J),
+        joint_jacobian=np.where(bad[..., None], 0.0, linearisation.joint_jacobian),
+    )
+
+
+def covariance(information: Matrix, sigma: Vector) -> Matrix:
+    """(information + diag(sigma)^-2)^-1, in units of the prior so that it can be inverted, (p, p)."""
+    scaled = np.linalg.inv(np.eye(len(sigma)) + information * np.outer(sigma, sigma))
+    return np.asarray(scaled * np.outer(sigma, sigma))

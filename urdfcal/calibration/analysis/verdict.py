@@ -1,0 +1,271 @@
+"""May this calibration be used? One answer, from which terminal, reports, `--json` and the exit code all take theirs.
+
+Every *concern* is a small function that looks at one side of a fit and yields what it finds: `no` where the result must not be used,
+`reservations` where whoever uses it has to know of something that matters. The worst one decides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from urdfcal.base.errors import FitRejected
+from urdfcal.base.geometry import MM
+from urdfcal.calibration.analysis.concerns import objections, reservations
+from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
+from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians
+from urdfcal.calibration.analysis.tool_accuracy import Gain, ToolAccuracy, tool_accuracy
+from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
+from urdfcal.calibration.result import FitResult, large_noise_warning, large_scales_warning, misfit_words, too_few_warning
+from urdfcal.calibration.start.begin import has_spots_in_metres
+
+Use = Literal["yes", "reservations", "no"]
+SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
+
+LIKELY, CLEARLY, SURELY = 0.9, 0.97, 0.99  # probabilities of being better than the nominal robot
+_CLEAR = 0.9  # share of the nominal robot's error, from which what is predicted is not clearly below it
+_HALF = 0.5  # share of the nominal robot's error, beyond which calibration brought little
+_GOOD = 1 / 3  # share of the nominal robot's error that makes a good calibration
+_ORDER: tuple[Use, ...] = ("yes", "reservations", "no")
+_FIFTH = 0.2  # of the chi-squared that was stated
+_FAR, _FARTHER = 1.5, 3.0  # times what is predicted of poses that were not fitted
+_ROUNDING_MM = 1e-3  # below it nothing is worse than anything else
+_SAME_POSE = 1e-5  # [rad] or [m] between joint positions of one pose
+_CHANCE = 3.0  # standard deviations that are allowed for a few test readings
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one concern found."""
+
+    use: Use
+    words: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """May this calibration be used?
+
+    Attributes:
+        use: `yes`, `reservations` or `no`.
+        reasons: Why not, or what has to be known; of a calibration that must not be used only what forbids it.
+        tool: Predicted accuracy of the link that the verdict is about; None where the fit says nothing of it.
+        advice: What would make it better.
+        spots: Predicted error of the spots at the fitted poses, without the noise of seeing them; None where no laser was seen.
+    """
+
+    use: Use
+    reasons: tuple[str, ...] = ()
+    tool: ToolAccuracy | None = field(default=None, compare=False)
+    advice: tuple[str, ...] = ()
+    spots: Gain | None = field(default=None, compare=False)
+
+    @property
+    def summary(self) -> str:
+        """`can be used`, `can be used, with reservations` or `do not use`."""
+        return SUMMARY[self.use]
+
+    @property
+    def words(self) -> str:
+        """The same with its reasons."""
+        return f"{self.summary}: {'; '.join(self.reasons)}" if self.reasons else self.summary
+
+    def entry(self) -> dict[str, object]:
+        """For machines."""
+        return {"use": self.use, "reasons": list(self.reasons), "advice": list(self.advice)}
+
+    def require_usable(self) -> None:
+        """Raise if the calibration must not be used.
+
+        Raises:
+            FitRejected: says why.
+        """
+        if self.use == "no":
+            raise FitRejected("; ".join((*self.reasons, *self.advice)))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A fit, and what several concerns want to know of it.
+
+    Attributes:
+        found: The fit.
+        link: The link that the verdict is about.
+    """
+
+    found: FitResult
+    link: str
+
+    @cached_property
+    def posterior(self) -> FullPosterior:
+        """What the data leave of every error of the robot."""
+        return full_posterior(self.found)
+
+    @cached_property
+    def tool(self) -> ToolAccuracy:
+        """Predicted accuracy of the link."""
+        return tool_accuracy(self.found.robot, self.posterior, self.link, np.random.default_rng(0))
+
+    @cached_property
+    def spots(self) -> Gain | None:
+        """Predicted error of the spots at the fitted poses, without the noise of seeing them; None where no laser was seen."""
+        if not has_spots_in_metres(self.found.data):
+            return None
+        A = spot_jacobians(self.posterior.errors, self.posterior.x, self.found.data.q)
+        A = A.reshape(-1, *A.shape[2:])
+        return Gain.of(A[np.isfinite(A).all(axis=(1, 2))], self.posterior)
+
+
+Concern = Callable[[Judged], Iterator[Finding]]
+
+
+def verdict_of(found: FitResult) -> Verdict:
+    """Judge a calibration, about the link that it names, or about the module, target or screen that the calibrated joints carry."""
+    judged = Judged(found, found.tool or default_tool(found.robot))
+    if not (found.converged and np.isfinite(found.x).all() and np.isfinite(found.covariance).all()):
+        return Verdict("no", (found.rejection or "the fit gave no finite result",))
+    findings = list(_rejected(judged)) or [finding for concern in CONCERNS for finding in concern(judged)]
+    use: Use = max((finding.use for finding in findings), key=_ORDER.index, default="yes")
+    reasons = tuple(dict.fromkeys(finding.words for finding in findings if finding.use == use))
+    return Verdict(use, reasons, judged.tool, tuple(_advice(judged, use)), judged.spots)
+
+
+def _rejected(judged: Judged) -> Iterator[Finding]:
+    """The fit itself went wrong."""
+    if judged.found.rejection:
+        yield Finding("no", judged.found.rejection)
+
+
+def _few_numbers(judged: Judged) -> Iterator[Finding]:
+    """Fewer numbers than unknowns, copies of a pose left aside: whatever comes out is the priors'."""
+    data, unknown = judged.found.data, len(judged.found.errors.names)
+    _, first = np.unique(np.round(data.q / _SAME_POSE), axis=0, return_index=True)
+    poses = data.subset(np.sort(first))
+    read = poses.numbers + len(data.lengths)
+    if read < unknown:
+        where = "1 pose" if len(first) == 1 else f"{len(first)} poses"
+        again = "" if len(first) == len(data) else f" (taken {len(data)} times in all)"
+        yield Finding("no", f"{read} numbers were read at {where}{again}, fewer than the {unknown} unknowns")
+
+
+def _stated_noise(judged: Judged) -> Iterator[Finding]:
+    """Readings that scatter otherwise than was stated of them."""
+    found = judged.found
+    for kind, stated in zip(found.kinds, found.estimate.noise.stated.tolist(), strict=True):
+        own = found.misfits[kind]
+        if not own.odd or not (stated or kind in found.stating or found.estimate.noise.of_joints):
+            continue
+        words = misfit_words(found.misfits, kind, stated or kind in found.stating)
+        low = own.chi_squared < _FIFTH
+        yield Finding("no" if low else "reservations", f"{words}{'; is the noise stated in another unit?' if low else ''}")
+    if found.extra_noise:
+        scatter = ", ".join(f"{kind} {value:.2g}" for kind, value in found.extra_noise.items())
+        yield Finding("reservations", f"readings scatter more than they state ({scatter} beyond it, in SI)")
+
+
+def _is_better(judged: Judged) -> Iterator[Finding]:
+    """What the user cares about is not clearly nearer to the truth than with the nominal robot.
+
+    Spots, and a link up to a constant, are what was measured. Where the link is in the base frame, measuring frames and targets that
+    are free do not tell: unless that very link was asked for, being likely to be better is enough, and said.
+    """
+    tool, asked = judged.tool, CLEARLY if judged.found.tool else LIKELY
+    cases = [
+        (f"{tool.link} in the frame of {tool.base}", tool.in_base, asked),
+        (f"{tool.link} up to a constant", tool.up_to_constant, CLEARLY),
+    ]
+    cases += [("the spots", judged.spots, CLEARLY)] if judged.spots is not None else []
+    for what, gain, least in cases:
+        off, nominal = _mm(gain.after.rms), _mm(gain.before.rms)
+        if not (gain.better >= least and gain.left < _CLEAR):
+            yield Finding("no", f"{what}: predicted {off} off, which is not clearly below the nominal robot's {nominal}")
+        elif gain.better < SURELY:
+            yield Finding("reservations", f"{what}: predicted {off} off, the nominal robot {nominal}; {gain.better:.0%} sure to be better")
+    if tool.up_to_constant.left > _HALF:
+        off, nominal = _mm(tool.up_to_constant.after.rms), _mm(tool.up_to_constant.before.rms)
+        yield Finding("reservations", f"{tool.link} is predicted {off} off up to a constant, much of the nominal robot's {nominal}")
+
+
+def _tested(judged: Judged) -> Iterator[Finding]:
+    """Poses that were not fitted."""
+    found = judged.found
+    if found.test is not None and found.test[1]:
+        yield from _compared(found, *found.test, "test readings")
+    if found.folds is not None and found.folds.after:
+        yield from _compared(found, found.folds.before, found.folds.after, f"readings left out in turn ({found.folds.folds} fits)")
+
+
+def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) -> Iterator[Finding]:
+    """Whether poses that were not fitted are off by more than the nominal robot's, or than can be expected."""
+    off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == "mm" else 0.0
+    if off > max(rms_of(before), least):
+        yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), with the nominal robot {rms_in_words(before)}")
+        return
+    expected = expected_ratio(found) * max(rms_of(found.after), least, 1e-12)
+    times, readings = off / expected, sum(row.n for row in after.values())
+    by_chance = 1 + _CHANCE / math.sqrt(4 * max(readings, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
+    if off > least and times > _FAR * by_chance:
+        words = f"{what} are {rms_in_words(after)} off (RMS), {times:.2g} times what can be expected"
+        yield Finding("no" if times > _FARTHER * by_chance else "reservations", words)
+
+
+def expected_ratio(found: FitResult) -> float:
+    """Of test to fitted RMS when p of n numbers went into the parameters: sqrt((1 + p/n) / (1 - p/n))."""
+    share = min(used_share(found), 0.99)
+    return math.sqrt((1 + share) / (1 - share))
+
+
+def used_share(found: FitResult) -> float:
+    """Which part of the numbers that were fitted the parameters used up: p - tr(P P0^-1) of them."""
+    measured = found.data.numbers
+    used = max(measured - found.freedom, 0.0) if honest_covariance(found) else float(found.identifiability.rank)
+    return used / max(measured, 1)
+
+
+def honest_covariance(found: FitResult) -> bool:
+    """Whether sigmas are statements about accuracy; those of the paper's schedule are the filter's own."""
+    return "paper" not in found.estimator
+
+
+def _residuals(judged: Judged) -> Iterator[Finding]:
+    """What the readings themselves say against it, those included that were left out."""
+    for words in objections(judged.found):
+        yield Finding("no", words)
+    for words in reservations(judged.found):
+        yield Finding("reservations", words)
+
+
+def _assumed(judged: Judged) -> Iterator[Finding]:
+    """What a figure rests on that nobody measured."""
+    found = judged.found
+    if not honest_covariance(found):
+        yield Finding("reservations", "the paper's schedule was used: its sigmas follow from Q and R and say nothing about accuracy")
+    for words in too_few_warning(found.data, found.estimate.noise, found.freedom):
+        yield Finding("reservations", words)
+    for words in (*large_noise_warning(found), *large_scales_warning(found.evidence)):
+        yield Finding("reservations", words)
+
+
+CONCERNS: tuple[Concern, ...] = (_few_numbers, _stated_noise, _is_better, _tested, _residuals, _assumed)
+
+
+def _advice(judged: Judged, use: Use) -> Iterator[str]:
+    """How many poses of the same kind would do."""
+    tool = judged.tool
+    if use == "yes" or tool.up_to_constant.left < _HALF:
+        return
+    needed = tool.poses_for(_GOOD, len(judged.found.data))
+    yield (
+        f"more poses: about {needed} of the same kind would bring {tool.link} under {_GOOD:.0%} of the nominal robot's error"
+        if needed
+        else "more poses of the same kind would not do; move every joint through more of its range"
+    )
+
+
+def _mm(length: float) -> str:
+    return f"{length / MM:.2g} mm" if length < 0.1 else f"{length / MM:.0f} mm"
