@@ -54,6 +54,7 @@ class FullPosterior:
         P: Its covariance, (p, p).
         whitened: Whitened Jacobian of the data at x, (m, p).
         a_pose: Information that a further pose of the same kind would add on average, (p, p).
+        q: Joint positions at which the robot was measured, (n, inputs), [rad] or [m].
     """
 
     errors: ErrorModel
@@ -62,6 +63,7 @@ class FullPosterior:
     P: Matrix
     whitened: Matrix
     a_pose: Matrix
+    q: Matrix
 
     def with_further(self, poses: int) -> Matrix:
         """Covariance after so many further poses of the same kind, (p, p)."""
@@ -78,7 +80,7 @@ def full_posterior(found: FitResult) -> FullPosterior:
     errors = _with_likely_scales(errors, H, residual + H @ (x - errors.mean), found)
     belief = _posterior(errors, H, residual, x)
     a_pose = information_of_a_pose(errors, found.data, noise, x, np.random.default_rng(0))
-    return FullPosterior(errors, x, belief.x, belief.P, H, a_pose)
+    return FullPosterior(errors, x, belief.x, belief.P, H, a_pose, found.data.q)
 
 
 def _careful_noise(found: FitResult) -> Noise:

@@ -158,7 +158,7 @@ def _more_poses(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
     """So many poses of the same kind that a link's error, up to constants, comes under a share of what the priors hold possible."""
     link, errors = default_tool(trial.robot), trial.errors
     a_pose, measured = information_of_a_pose(errors, trial.data, trial.noise, trial.x, rng), trial.measured.T @ trial.measured
-    A = motion_up_to_constants(trial.robot, errors, trial.x, link, rng)
+    A = motion_up_to_constants(trial.robot, errors, trial.x, link, trial.data.q, rng)
 
     def left(further: int) -> float:
         return float(np.sqrt(np.mean(spread(A, covariance(measured + further * a_pose, errors.sigma)) ** 2)))

@@ -150,7 +150,7 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    moved = _moved(robot, posterior.errors, posterior.x, link, rng)
+    moved = _moved(robot, posterior.errors, posterior.x, link, posterior.q, rng)
     constant = moved.constant
     return ToolAccuracy(
         link=link,
@@ -165,13 +165,13 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
     )
 
 
-def motion_up_to_constants(robot: Robot, errors: ErrorModel, x: Vector, link: str, rng: np.random.Generator) -> Array3:
+def motion_up_to_constants(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator) -> Array3:
     """Motion of a link's origin per unit of every error at random configurations, without what constants explain, (n, 3, p).
 
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    return _moved(robot, errors, x, link, rng).apart
+    return _moved(robot, errors, x, link, measured, rng).apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +183,8 @@ class _Moved:
     constant: Matrix
 
 
-def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, rng: np.random.Generator) -> _Moved:
-    base, (lower, upper) = base_link(robot, link), joint_limits(robot, found.data.q)
+def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator) -> _Moved:
+    base, (lower, upper) = base_link(robot, link), joint_limits(robot, measured)
     q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
     turned, placed, axes = _places(_corrected(robot, errors, x), robot, base, link, q)
     A = turned @ tool_jacobian(robot, errors, x, link, q)[:, :3]
