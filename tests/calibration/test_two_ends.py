@@ -8,16 +8,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from tests.support.helpers import central_differences
 from tests.support.two_ends import HEAD, NOISE, WAIST, arm, measured, robot_of, seen
 from urdfcal.api import fit
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import DEG, MM, SE3, distance_mm_mrad
+from urdfcal.calibration.analysis.prediction import tool_jacobian
 from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.nominal import evaluate
+from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.output.stored import corrected_robot
+from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.simulation.readings import ReadingNoise
@@ -155,3 +159,26 @@ def test_another_robot_is_refused(branches: Branches) -> None:
     """What was decided is about the origins that were written: the nominal robot is refused by the name of a joint."""
     with pytest.raises(RobotError, match=r"joint '\w+' of robot.urdf is .* mm and .* mrad from where the earlier calibration has it"):
         fit(branches.first.robot, branches.left, after=branches.first)
+
+
+def test_how_one_end_moves_against_the_other_is_a_derivative(rng: np.random.Generator) -> None:
+    """The motion of a hand against the other hand, by every parameter of both branches, is what differences of the URDFs give."""
+    arms = [*arm("l", "base", "0 0.2 0.3", "0 1 0"), *arm("r", "base", "0 -0.2 0.3", "0 1 0")]
+    robot, _ = seen(robot_of(arms, [("left", "l6_link"), ("right", "r6_link")]), "right_link", "left_link")
+    errors = build_error_model(robot.chain, robot.rig)
+    x = rng.normal(0, 0.01, len(errors.names))
+    q = rng.uniform(-1, 1, (3, len(robot.chain.inputs)))
+
+    def origins(x: np.ndarray) -> np.ndarray:
+        moved = corrected_robot(robot, errors.corrected_origins(x))
+        data, places = moved.model.createData(), []
+        for configuration in whole_configurations(moved, q):
+            pin.framesForwardKinematics(moved.model, data, configuration)
+            left, right = (data.oMf[moved.model.getFrameId(link, pin.FrameType.BODY)] for link in ("left_link", "right_link"))
+            places.append(left.actInv(right).translation)
+        return np.array(places)
+
+    jacobian = tool_jacobian(robot, errors, x, "right_link", q, far=True)[:, :3]
+    np.testing.assert_allclose(jacobian, central_differences(origins, x), atol=1e-8)
+    joints = [column for column, parameter in enumerate(errors.parameters) if parameter.kind == "joint"]
+    assert np.abs(jacobian[..., joints]).max(axis=(0, 1)).min() > 0

@@ -130,7 +130,7 @@ def good(kept: dict[str, bytes], run_cli: Callable[..., CliResult], tmp_path: Pa
         return kept
     for name, text in (("small.urdf", URDF), ("small.xacro", XACRO), ("rig.yaml", RIG)):
         (tmp_path / name).write_text(text)
-    assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--poses", "12", "--errors", "1mm,0.1deg", "--spot-noise-mm", "0.3").code == 0
+    assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--poses", "20", "--errors", "5mm,0.5deg", "--spot-noise-mm", "0.3").code == 0
     assert run_cli("fit", "small.urdf", "m.csv", "-o", "c.urdf", "--error-model", "placement").code == 0
     stored = (tmp_path / "c_calibration.yaml").read_text()
     (tmp_path / "c.yaml").write_text(

@@ -64,6 +64,15 @@ def test_priors_that_are_stated_stay(robots: dict[str, Robot]) -> None:
     assert set(joints) == {("m", 3e-3), ("rad", 4e-3)}
 
 
+def test_joints_of_which_something_is_fixed_stay_as_they_are(robots: dict[str, Robot]) -> None:
+    """What the user says is known is not taken to be wrong in directions that the error model has no name for."""
+    found = of_lasers(robots["ur5"], fix=["elbow_joint.*", "wrist_1_joint.d_a"])
+    names = [parameter.name for parameter in full_posterior(found).errors.parameters]
+    assert not any(name.startswith("elbow_joint.") for name in names)
+    assert {name for name in names if name.startswith("wrist_1")} == {name for name in found.errors.names if name.startswith("wrist_1")}
+    assert sum(name.startswith("wrist_2_joint.") for name in names) == 6
+
+
 @pytest.mark.parametrize("poses", [12, 40])
 def test_priors_that_are_not_stated_follow_the_data(robots: dict[str, Robot], poses: int) -> None:
     """From the priors of any robot, 10 mm and 1 deg, the scales come within a factor of two of the 2 mm and 0.2 deg that were drawn."""

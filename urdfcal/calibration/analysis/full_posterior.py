@@ -35,6 +35,7 @@ from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Parameter
 from urdfcal.model.slots import Slot, slots_of
+from urdfcal.robot.rig import SIX
 
 _SCALED = ("translation", "rotation", "zero")
 _NU = 0.01  # how many errors' worth the prior's own scale counts
@@ -120,8 +121,8 @@ def _scales_are_free(found: FitResult) -> bool:
 def _group(parameter: Parameter, found: FitResult) -> str:
     """`translation`, `rotation`, or `zero` for the rotation that lies along the joint's axis."""
     joint, _, name = parameter.name.rpartition(".")
-    if parameter.unit == "m":
-        return "translation"
+    if parameter.unit == "m" or name not in SIX:
+        return parameter.scale_group
     return "zero" if abs(found.robot.tree.joints[joint].axis["xyz".index(name[-1])]) > _ALONG else "rotation"
 
 
@@ -132,22 +133,30 @@ def _posterior(errors: ErrorModel, H: Matrix, residual: Vector, x: Vector) -> Be
 
 
 def _widened(found: FitResult) -> tuple[ErrorModel, Vector]:
-    """The fit's error model with all six errors of every joint, and its estimate in those."""
-    errors, chain = found.errors, found.errors.chain
-    six = {slot.label: slot for slot in slots_of(chain, found.robot.rig, "placement") if slot.kind == "joint"}
-    slots = tuple(six[slot.label] if slot.kind == "joint" else slot for slot in errors.slots)
-    own = dict(zip(errors.names, found.x.tolist(), strict=True))
-    kept = [parameter for parameter in errors.parameters if parameter.kind != "joint"]
-    values = [(parameter, own[parameter.name]) for parameter in [*kept, *_carried(errors)] if parameter.name in own]
+    """The fit's error model with all six errors of every joint of which nothing is fixed, and its estimate in those."""
+    errors = found.errors
+    free = [slot.label for slot in errors.slots if slot.kind == "joint" and not _has_fixed(slot, errors)]
+    six = {slot.label: slot for slot in slots_of(errors.chain, found.robot.rig, "placement") if slot.kind == "joint" and slot.label in free}
+    values = [
+        (parameter, value)
+        for parameter, value in zip(errors.parameters, found.x.tolist(), strict=True)
+        if parameter.kind != "joint" or parameter.name.rpartition(".")[0] not in six
+    ]
     values += [(parameter, 0.0) for parameter in _carried(errors)]
     for slot, state in zip(errors.slots, errors.slot_values(found.x, errors.sessions[0]), strict=True):
-        if slot.kind == "joint":
-            six_values = _coordinates(product(exponentials(slot.screws, state)))
-            values += list(zip(_six_of(six[slot.label], found), six_values.tolist(), strict=True))
-    held = {name: value for name, value in errors.held.items() if name.partition(".")[0] not in six}
-    known = errors.earlier.in_six(errors.joint_names) if errors.earlier is not None else None
+        if slot.label in six and slot.kind == "joint":
+            coordinates = _coordinates(product(exponentials(slot.screws, state)))
+            values += list(zip(_six_of(six[slot.label], found), coordinates.tolist(), strict=True))
+    slots = tuple(six.get(slot.label, slot) if slot.kind == "joint" else slot for slot in errors.slots)
+    held = {name: value for name, value in errors.held.items() if name.rpartition(".")[0] not in six}
+    known = errors.earlier.in_six(six) if errors.earlier is not None else None
     wide = replace(errors, slots=slots, parameters=tuple(each for each, _ in values), held=held, carried={}, held_sum={}, earlier=known)
     return wide, np.array([value for _, value in values])
+
+
+def _has_fixed(slot: Slot, errors: ErrorModel) -> bool:
+    """Whether the user said that some of a joint's errors are known."""
+    return any(f"{slot.label}.{name}" not in (*errors.names, *errors.carried) for name in slot.names if name not in slot.spare)
 
 
 def _carried(errors: ErrorModel) -> Iterator[Parameter]:

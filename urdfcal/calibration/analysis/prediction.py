@@ -137,8 +137,16 @@ def spot_jacobians(errors: ErrorModel, x: Vector, q: Matrix) -> Array4:
     return np.where(beams_at(errors, x, q).meets[..., None, None], jacobian, np.nan)
 
 
-def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Matrix) -> Array3:
+def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Matrix, far: bool = False) -> Array3:
     """Motion [v, w] of a link relative to the base link per parameter, in screen axes at the link's origin, up to a common sign.
+
+    Args:
+        robot: Nominal robot.
+        errors: Names, order and units of the parameters.
+        x: Error parameters, (p,), [m] and [rad].
+        link: A link that the calibrated joints move.
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+        far: Take it relative to the other end of the way, on another branch, and not to the base link.
 
     Returns:
         (n, 6, p); zero for parameters that do not stand between base and link.
@@ -146,7 +154,7 @@ def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Mat
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    way = tool_way(robot, link)
+    way = tool_way(robot, link, far)
     placed, arm = errors.placements(x, errors.sessions[0]), ArmKinematics(robot.chain)
     positions = arm.chain_positions(q)
     twists = motion_at(arm, placed, positions).jac1  # at the screen's origin
@@ -164,13 +172,18 @@ def default_tool(robot: Robot) -> str:
     return robot.rig.tip if _first_calibrated(robot, robot.rig.tip) is not None else robot.rig.base
 
 
-def base_link(robot: Robot, link: str) -> str:
+def default_far(robot: Robot) -> bool:
+    """Whether what is measured is one end against another on a different branch, so that this is what there is to know of it."""
+    return len(robot.chain.branches()) == 2
+
+
+def base_link(robot: Robot, link: str, far: bool = False) -> str:
     """The link relative to which the errors of `link` are taken.
 
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    return tool_way(robot, link).joints[0].parent
+    return robot.rig.base if far else tool_way(robot, link).joints[0].parent
 
 
 @dataclass(frozen=True)
@@ -179,6 +192,7 @@ class ToolWay:
 
     Attributes:
         joints: URDF joints between them, base first; the first one is calibrated.
+        beyond: Those of the other branch, where the way is from its end.
         last: How many joints of the chain are passed, counted from the screen, when the last calibrated joint has been walked; for
             a joint walked backward, before it is.
         forward: Whether the calibrated joints are walked from parent to child.
@@ -189,10 +203,11 @@ class ToolWay:
     last: int
     forward: bool
     behind: tuple[UrdfJoint, ...]
+    beyond: tuple[UrdfJoint, ...] = ()
 
     def columns(self, errors: ErrorModel) -> list[int]:
         """The parameters that move the tool against the base."""
-        passed = {joint.name for joint in self.joints}
+        passed = {joint.name for joint in (*self.beyond, *self.joints)}
         slots = [slot for slot in errors.slots if slot.kind != "screen" or not slot.before]
         moving = {f"{slot.label}.{name}" for slot in slots if passed.intersection(slot.joints) for name in slot.names}
         return [column for column, name in enumerate(errors.names) if name in moving]
@@ -205,8 +220,8 @@ class ToolWay:
         return np.asarray((frame @ np.append(local.translation, 1.0)).T)
 
 
-def tool_way(robot: Robot, link: str) -> ToolWay:
-    """The way from the base link to a tool.
+def tool_way(robot: Robot, link: str, far: bool = False) -> ToolWay:
+    """The way from the base link to a tool, or from the far end of the other branch.
 
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
@@ -223,7 +238,8 @@ def tool_way(robot: Robot, link: str) -> ToolWay:
     deepest = max(index for index, joint in enumerate(path) if joint.name in places)
     place = places[path[deepest].name]
     forward = robot.chain.moving[place].forward
-    return ToolWay(tuple(path[first:]), place + 1 if forward else place, forward, tuple(path[deepest + 1 :]))
+    beyond = tuple(step.joint for step in robot.chain.steps if not step.forward) if far else ()
+    return ToolWay(tuple(path[first:]), place + 1 if forward else place, forward, tuple(path[deepest + 1 :]), beyond)
 
 
 def _first_calibrated(robot: Robot, link: str) -> int | None:

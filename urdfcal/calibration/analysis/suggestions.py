@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector, X, Y
 from urdfcal.calibration.analysis.more_poses import FURTHER, covariance, information_of_a_pose
-from urdfcal.calibration.analysis.prediction import default_tool, spread
+from urdfcal.calibration.analysis.prediction import default_far, default_tool, spread
 from urdfcal.calibration.analysis.tool_accuracy import motion_up_to_constants
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.nominal import nominal_fit
@@ -158,7 +158,7 @@ def _more_poses(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
     """So many poses of the same kind that a link's error, up to constants, comes under a share of what the priors hold possible."""
     link, errors = default_tool(trial.robot), trial.errors
     a_pose, measured = information_of_a_pose(errors, trial.data, trial.noise, trial.x, rng), trial.measured.T @ trial.measured
-    A = motion_up_to_constants(trial.robot, errors, trial.x, link, trial.data.q, rng)
+    A = motion_up_to_constants(trial.robot, errors, trial.x, link, trial.data.q, rng, default_far(trial.robot))
 
     def left(further: int) -> float:
         return float(np.sqrt(np.mean(spread(A, covariance(measured + further * a_pose, errors.sigma)) ** 2)))

@@ -138,7 +138,7 @@ class ToolAccuracy:
         return None
 
 
-def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.random.Generator) -> ToolAccuracy:
+def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.random.Generator, far: bool = False) -> ToolAccuracy:
     """Predict how far off a link is before and after calibration.
 
     Args:
@@ -146,15 +146,16 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
         posterior: What the data leave of its errors.
         link: A link that calibrated joints move.
         rng: For the configurations.
+        far: Take it relative to the other end of the way, on another branch.
 
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    moved = _moved(robot, posterior.errors, posterior.x, link, posterior.q, rng)
+    moved = _moved(robot, posterior.errors, posterior.x, link, posterior.q, rng, far)
     constant = moved.constant
     return ToolAccuracy(
         link=link,
-        base=base_link(robot, link),
+        base=base_link(robot, link, far),
         in_base=Gain.of(moved.whole, posterior),
         up_to_constant=Gain.of(moved.apart, posterior),
         base_shift=_size(constant[:3], posterior),
@@ -165,13 +166,15 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
     )
 
 
-def motion_up_to_constants(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator) -> Array3:
+def motion_up_to_constants(
+    robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator, far: bool = False
+) -> Array3:
     """Motion of a link's origin per unit of every error at random configurations, without what constants explain, (n, 3, p).
 
     Raises:
         RobotError: no such link, or no calibrated joint moves it.
     """
-    return _moved(robot, errors, x, link, measured, rng).apart
+    return _moved(robot, errors, x, link, measured, rng, far).apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,11 +186,11 @@ class _Moved:
     constant: Matrix
 
 
-def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator) -> _Moved:
-    base, (lower, upper) = base_link(robot, link), joint_limits(robot, measured)
+def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator, far: bool) -> _Moved:
+    base, (lower, upper) = base_link(robot, link, far), joint_limits(robot, measured)
     q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
     turned, placed, axes = _places(_corrected(robot, errors, x), robot, base, link, q)
-    A = turned @ tool_jacobian(robot, errors, x, link, q)[:, :3]
+    A = turned @ tool_jacobian(robot, errors, x, link, q, far)[:, :3]
     G = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), -skew(placed), axes], axis=2).reshape(-1, 9)
     constant = np.linalg.pinv(G, rcond=_SAME) @ A.reshape(-1, A.shape[2])
     return _Moved(A, A - (G @ constant).reshape(A.shape), constant)

@@ -18,7 +18,7 @@ from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import MM
 from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
-from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians
+from urdfcal.calibration.analysis.prediction import default_far, default_tool, spot_jacobians
 from urdfcal.calibration.analysis.tool_accuracy import Gain, ToolAccuracy, tool_accuracy
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.result import FitResult, large_noise_warning, large_scales_warning, misfit_words, too_few_warning
@@ -109,7 +109,8 @@ class Judged:
     @cached_property
     def tool(self) -> ToolAccuracy:
         """Predicted accuracy of the link."""
-        return tool_accuracy(self.found.robot, self.posterior, self.link, np.random.default_rng(0))
+        far = not self.found.tool and default_far(self.found.robot)
+        return tool_accuracy(self.found.robot, self.posterior, self.link, np.random.default_rng(0), far)
 
     @cached_property
     def spots(self) -> Gain | None:
