@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 import urdfcal
 from tests.calibration.analysis.test_prediction import tool_errors
+from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import OnlineCalibrator, fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
 from urdfcal.calibration.analysis import online
@@ -19,6 +22,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.spots import beams_at
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 from urdfcal.simulation.truth import random_truth
 
@@ -245,3 +249,15 @@ def test_a_gate_does_not_lock_itself_out(robots: dict[str, Robot], rng: np.rando
         online.update(q, spots, np.full(2, 1e-4))
     assert online.state.poses > 30
     assert online.state.extra_noise_mm == pytest.approx(1.0, rel=0.3)
+
+
+def test_limits_without_room_want_a_workspace() -> None:
+    """Where all limits are the same nothing can be predicted over them; a workspace that is given is taken."""
+    text = re.sub(r'lower="[^"]*" upper="[^"]*"', 'lower="0" upper="0"', URDF).replace('type="continuous"', 'type="fixed"')
+    robot, poses = robot_of(text), np.array([[0.1, 0.05], [-0.3, 0.2], [0.4, 0.0], [0.0, 0.1]])
+    with pytest.raises(UsageError, match="lower and upper limit of turn, slide are the same, which leaves no workspace"):
+        OnlineCalibrator(robot, spot_sigma=NOISE)
+    calibrator = OnlineCalibrator(robot, spot_sigma=NOISE, workspace=poses)
+    spots = beams_at(calibrator.errors, calibrator.errors.mean, poses).spots
+    states = take(calibrator, measurements_from(robot, poses, spots))
+    assert states[-1].tool_sigma_mm > 0

@@ -136,7 +136,7 @@ class OnlineCalibrator:
             rng: Source of randomness for the configurations.
 
         Raises:
-            UsageError: an option means nothing here.
+            UsageError: an option means nothing here, or the limits leave no workspace and none is given.
             RobotError: the tool is not a link that the calibrated joints move.
         """
         _check(spot_sigma, target_mm, gate)
