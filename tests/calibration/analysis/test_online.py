@@ -22,7 +22,8 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
-from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
+from urdfcal.sensors.spots import beams_at
+from urdfcal.simulation.readings import SimulatedNoise, simulate
 from urdfcal.simulation.truth import random_truth
 
 NOISE = 0.5e-3
@@ -256,7 +257,7 @@ def test_limits_without_room_want_a_workspace() -> None:
     robot, poses = robot_of(text), np.array([[0.1, 0.05], [-0.3, 0.2], [0.4, 0.0], [0.0, 0.1]])
     with pytest.raises(UsageError, match="lower and upper limit of turn, slide are the same, which leaves no workspace"):
         OnlineCalibrator(robot, spot_sigma=NOISE)
-    errors = build_error_model(robot.chain, robot.rig)
-    spots = true_spots(robot, errors, errors.mean, poses)
-    states = take(OnlineCalibrator(robot, spot_sigma=NOISE, workspace=poses), measurements_from(robot, poses, spots))
+    calibrator = OnlineCalibrator(robot, spot_sigma=NOISE, workspace=poses)
+    spots = beams_at(calibrator.errors, calibrator.errors.mean, poses).spots
+    states = take(calibrator, measurements_from(robot, poses, spots))
     assert states[-1].tool_sigma_mm > 0
