@@ -235,7 +235,7 @@ class FitTask:
         """Refit with the joints' prior scales chosen by evidence; priors that were stated, also for single parameters, stay."""
         errors, found, method = first.model.errors, clean.estimate, first.method
         wanted = self.evidence and method.shrinks and "joint" not in self.options.priors and found.converged
-        if not wanted or len(clean.model.data) < LEAST_POSES or not any(parameter.kind == "joint" for parameter in errors.parameters):
+        if not wanted or clean.model.data.pose_count < LEAST_POSES or not any(parameter.kind == "joint" for parameter in errors.parameters):
             return _Scaled(errors, found)
         single = self.options.single.items()
         stated = [name for pattern, said in single if said.sigma is not None for name in matching(errors.parameters, pattern)]
@@ -243,9 +243,9 @@ class FitTask:
         errors = errors.with_prior(prior)
         if method.estimator != "ekf":
             again = replace(method, start=refitted.belief.x)
-            refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
+            refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), refitted.noise.hold())
             belief = Belief(refitted.belief.x, covariance_of_uncertain_scales(prior, refitted.belief))
-            refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
+            refitted = replace(refitted, belief=belief, noise=refitted.noise.released(noise))
         return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
 
     def _result(self, nominal: NominalFit, first: _First, clean: CleanFit, scaled: _Scaled, said: tuple[str, ...]) -> FitResult:

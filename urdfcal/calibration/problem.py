@@ -27,6 +27,7 @@ from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
 from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.repeats import repeated
 from urdfcal.sensors.sensor import Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
@@ -230,6 +231,7 @@ class Problem:
             self.stated_sigma,
             self.blocks,
             linearisation.lost,
+            self.data.pose_of if repeated(self.data.pose_of) else None,
         )
         return _with_known(linearised, self.errors, self.data.lengths, x)
 
@@ -316,6 +318,9 @@ def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Seque
         lost=None
         if linearisation.lost is None
         else np.vstack([linearisation.lost, np.zeros((rows, len(linearisation.blocks)), dtype=bool)]),
+        poses=None
+        if linearisation.poses is None
+        else np.concatenate([linearisation.poses, linearisation.poses.max() + 1 + np.arange(rows)]),
     )
 
 

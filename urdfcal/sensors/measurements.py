@@ -16,6 +16,7 @@ from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
+from urdfcal.sensors.repeats import codes, same_poses
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,28 @@ class Measurements:
     def __len__(self) -> int:
         """Number of poses."""
         return len(self.q)
+
+    @cached_property
+    def pose_of(self) -> npt.NDArray[np.intp]:
+        """Index of the pose that each row is a reading of, (n,): joints, session, payload, approach and what was touched agree."""
+        payload = np.zeros(len(self)) if self.payload is None else np.nan_to_num(self.payload)
+        return same_poses(self.q, codes(self.sessions, payload, *(own.labels for own in self.readings if own.touched)), self.approach)
+
+    @cached_property
+    def configuration_of(self) -> npt.NDArray[np.intp]:
+        """Index of the joint configuration that each row was read at, (n,), which is what splits into fitted and tested ones draw."""
+        return same_poses(self.q, codes(self.sessions))
+
+    @property
+    def pose_count(self) -> int:
+        """How many different poses there are."""
+        return int(self.pose_of.max(initial=-1)) + 1
+
+    @property
+    def counted(self) -> str:
+        """How many poses of how many readings, in words: `60 poses`, or `60 poses, read 180 times`."""
+        times = f", read {len(self)} times" if self.pose_count < len(self) else ""
+        return f"{self.pose_count} {'pose' if self.pose_count == 1 and times else 'poses'}{times}"
 
     @cached_property
     def observed(self) -> Mask:

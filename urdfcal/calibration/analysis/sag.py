@@ -30,6 +30,7 @@ from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.repeats import first_rows
 
 LEAST_GAIN = 10.0  # of log evidence, for which a term on request is kept and another direction of gravity is worth a word
 FOLDS = 5
@@ -222,13 +223,16 @@ class _Setup:
         return _Fitted(errors, first, model, terms)
 
     def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
-        """Each pose predicted by fits that did not see it."""
-        folds = min(folds, len(self.data))
+        """Each pose predicted by fits that did not see it, nor another reading at the same joint positions."""
+        where = self.data.configuration_of
+        poses = first_rows(where)
+        folds = min(folds, len(poses))
         if folds < 2:
             return None
         noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
         sums = np.zeros((2, 3))
-        for rows in np.array_split(rng.permutation(len(self.data)), folds):
+        for held in np.array_split(rng.permutation(len(poses)), folds):
+            rows = held if len(poses) == len(where) else np.flatnonzero(np.isin(where, held))
             sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
         geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
         return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
@@ -287,10 +291,7 @@ def _unit(vector: Vector) -> tuple[float, float, float]:
 def log_evidence(linearisation: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
     """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
     noise, sigma = estimate.noise, errors.sigma
-    if noise.of_joints:
-        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(linearisation))[1]))
-    else:
-        spread = float(np.sum(np.log(noise.of_numbers(linearisation)[linearisation.measured] ** 2)))
+    spread = noise.log_determinant(linearisation)
     pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
     J = (
         noise.weights(linearisation).jacobian(linearisation) * sigma
@@ -310,7 +311,7 @@ def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, uni
         Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise.
     """
     kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
-    noise = replace(fitted.estimate.noise, stated=True)
+    noise = fitted.estimate.noise.hold()
     found = _run(problem_of(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
     linearisation = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
     own = [row for row in error_table(linearisation, len(rows)).values() if row.unit == unit]
