@@ -27,7 +27,6 @@ from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
 from urdfcal.sensors.registry import SENSORS
-from urdfcal.sensors.repeats import repeated
 from urdfcal.sensors.sensor import Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
@@ -231,7 +230,7 @@ class Problem:
             self.stated_sigma,
             self.blocks,
             linearisation.lost,
-            self.data.pose_of if repeated(self.data.pose_of) else None,
+            self.data.pose_of if self.data.again else None,
         )
         return _with_known(linearised, self.errors, self.data.lengths, x)
 

@@ -150,9 +150,7 @@ class Noise:
     def log_determinant(self, linearisation: Linearisation) -> float:
         """Logarithm of the determinant of the covariance of all numbers that were measured; of poses read several times, of their means."""
         if linearisation.poses is not None:
-            weights = self._weights_of_poses(linearisation)
-            means, factor = weights.means, weights.factor
-            assert means is not None
+            factor, means = self._weights_of_poses(linearisation).factor, PoseMeans.of(linearisation, self.of_numbers(linearisation))
             sizes = np.log(np.diagonal(factor, axis1=1, axis2=2) if factor.ndim == 3 else factor)
             precise = means.gathered(np.ones((*means.unit.shape, 1)))[..., 0]
             return float(-2 * np.sum(np.where(means.seen, sizes + np.log(np.where(means.seen, precise, 1.0)), 0.0)))

@@ -51,7 +51,7 @@ class PoseMeans:
     @staticmethod
     def of(linearisation: Linearisation, sigma: Matrix) -> PoseMeans:
         """Those of a set whose readings have these standard deviations, (n, m)."""
-        poses = linearisation.poses
+        poses = np.arange(len(linearisation.residual)) if linearisation.poses is None else linearisation.poses
         root = np.where(linearisation.measured, 1.0 if linearisation.root is None else linearisation.root, 0.0)
         precise = root / sigma
         squared, most = total(poses, precise**2), np.zeros((poses.max() + 1, root.shape[1]))
@@ -63,7 +63,7 @@ class PoseMeans:
 
     def gathered(self, rows: Array3) -> Array3:
         """Numbers of readings, (n, m, c), as those of poses, (poses, m, c), in units of the readings' standard deviations."""
-        return total(self.poses, rows * self.weight[..., None])
+        return np.asarray(total(self.poses, rows * self.weight[..., None]))
 
     def spread(self, rows: Array3) -> Array3:
         """Numbers of poses, (poses, m, c), laid out over their readings, (n, m, c)."""

@@ -16,7 +16,7 @@ from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
-from urdfcal.sensors.repeats import codes, same_poses
+from urdfcal.sensors.repeats import codes, repeated, same_poses
 
 
 @dataclass(frozen=True)
@@ -96,10 +96,15 @@ class Measurements:
         return int(self.pose_of.max(initial=-1)) + 1
 
     @property
+    def again(self) -> bool:
+        """Whether any pose was read several times."""
+        return repeated(self.pose_of)
+
+    @property
     def counted(self) -> str:
-        """How many poses of how many readings, in words: `60 poses`, or `60 poses, read 180 times`."""
-        times = f", read {len(self)} times" if self.pose_count < len(self) else ""
-        return f"{self.pose_count} {'pose' if self.pose_count == 1 and times else 'poses'}{times}"
+        """How many poses of how many readings, in words: `60 poses`, or `60 poses (read 180 times)`."""
+        poses = f"{self.pose_count} {'pose' if self.pose_count == 1 else 'poses'}"
+        return f"{poses} (read {len(self)} times)" if self.again else poses
 
     @cached_property
     def observed(self) -> Mask:
@@ -113,8 +118,15 @@ class Measurements:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were measured."""
-        return sum(reading.numbers for reading in self.readings)
+        """How many numbers were measured; several readings of one pose are one."""
+        if not self.again:
+            return sum(reading.numbers for reading in self.readings)
+        seen = [np.unique(np.column_stack([self.pose_of[rows], numbers]), axis=0) for rows, numbers in map(np.nonzero, self._measured)]
+        return sum(len(own) for own in seen)
+
+    @property
+    def _measured(self) -> list[Mask]:
+        return [reading.measured for reading in self.readings]
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ _STEP = 1.5  # steps of a coarse encoder within which it is at rest
 _GAP = 10.0  # times that the next move is longer than the longest jitter
 _WHOLE = 0.05  # share of a step by which multiples of it may be off
 _ROUNDING = 1e-9  # [rad], [m]
-_CELLS = 3  # cells through which a pose may reach
+_CELLS = 6  # cells through which a pose may reach
 _APART = 10  # cells between rows that are no readings of one pose whatever their joints say
 
 
@@ -59,7 +59,7 @@ def _jitter(q: Matrix) -> float:
 
 
 def last_moves(q: Matrix) -> Matrix:
-    """Direction of each joint's last move before each row, (n, joints): -1, 0 or 1; while the arm stands still, that which brought it there.
+    """Direction of each joint's last move before each row, (n, joints): -1, 0 or 1; while the arm stands still, of the move before.
 
     Args:
         q: Joint positions in the order in which they were taken up, (n, joints), [rad] or [m].
@@ -95,12 +95,15 @@ def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:
 
 
 def _touching(places: Matrix, ways: Matrix) -> tuple[Rows, Rows]:
-    """Pairs of cells that touch and were not reached from opposite sides: sorted along one line, neighbours are compared, then next but one."""
+    """Pairs of cells that touch and were not reached from opposite sides.
+
+    Sorted along one line, neighbours are compared, then next but one, as far as any can touch.
+    """
     line = np.random.default_rng(0).uniform(0.5, 1.0, places.shape[1])
     along = places @ line
     order = np.argsort(along, kind="stable")
     places, ways, along = places[order], ways[order], along[order]
-    pairs, reach = [], float(line.sum())
+    pairs, reach = [], float(np.sum(line))
     for apart in range(1, len(order)):
         near = np.flatnonzero(along[apart:] - along[:-apart] <= reach)
         if not len(near):

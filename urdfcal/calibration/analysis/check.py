@@ -91,7 +91,7 @@ def check(
         errors=errors,
         data=fit_set,
         noise=noise,
-        observability=observe(errors.names, H, errors.sigma, len(fit_set)),
+        observability=observe(errors.names, H, errors.sigma, fit_set.pose_count),
         predicted=predicted,
         sigma=np.sqrt(np.diag(P)),
         suggestions=suggestions(Trial(robot, errors, options, fit_set, noise, nominal.x), rng),

@@ -70,7 +70,8 @@ def holdout(data: Measurements, share: float, rng: np.random.Generator) -> Measu
         held = np.isin(data.configuration_of, data.configuration_of[poses[: max(count, 0)]])
         sets[rows[held[rows]]] = "test"
     if not (sets == "test").any():
-        raise UsageError(f"a share of {share:g} of {_configurations(data)} poses is no pose to hold out; ask for more, or measure more poses")
+        count = len(first_rows(data.configuration_of))
+        raise UsageError(f"a share of {share:g} of {count} poses is no pose to hold out; ask for more, or measure more poses")
     return replace(data, sets=sets)
 
 
@@ -188,15 +189,15 @@ def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     tested = _mean_squares(_residuals(there, noise), there, least, test.pose_count)
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
-    where = test.where(_first_readings(test)[worst]) if alone else ""
+    where = test.where(int(_first_readings(test)[worst])) if alone else ""
     size = next(UNITS[block.unit] for block in there.blocks if block.kind == 0)
     return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / size)
 
 
-def _first_readings(data: Measurements) -> list[int]:
+def _first_readings(data: Measurements) -> Rows:
     """The first row of every pose that saw something."""
     rows = np.flatnonzero(data.observed)
-    return rows[first_rows(data.pose_of[rows])].tolist()
+    return np.asarray(rows[first_rows(data.pose_of[rows])])
 
 
 def _residuals(linearisation: Linearisation, noise: Noise) -> Matrix:
@@ -298,7 +299,3 @@ def _folds(data: Measurements, folds: int, rng: np.random.Generator) -> list[Row
         )
     order = np.concatenate([rng.permutation(first[data.sessions[first] == session]) for session in data.session_names])
     return [np.flatnonzero(np.isin(where, where[order[fold::folds]])) for fold in range(folds)]
-
-
-def _configurations(data: Measurements) -> int:
-    return len(first_rows(data.configuration_of))
