@@ -37,7 +37,15 @@ from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test, in_pixels, require_screen_of_camera
+from urdfcal.sensors.measurements import (
+    Measurements,
+    as_measured,
+    copies_warning,
+    fit_and_test,
+    fitted_poses_warning,
+    in_pixels,
+    require_screen_of_camera,
+)
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
@@ -115,7 +123,7 @@ def fit(
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     task = FitTask(as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane)
     found = task.fitted(fit_set) if method.as_published else fitted_with_extra_noise(task, fit_set)
-    found = replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise)))
+    found = replace(found, warnings=(*data.warnings, *copies_warning(data, fit_set), *found.warnings, *in_words(found.extra_noise)))
     return found if test_set is None else with_test(found, test_set)
 
 
@@ -137,7 +145,8 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
     model, outliers = without_gross_outliers(problem_of(test_errors, test, noise), calibration.estimate)
     tables = calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
-    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers)
+    warnings = (*calibration.warnings, *fitted_poses_warning(calibration.data, test))
+    return replace(calibration, test=tables, test_data=model.data, test_outliers=outliers, warnings=warnings)
 
 
 def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> None:

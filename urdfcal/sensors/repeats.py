@@ -148,6 +148,14 @@ def codes(*columns: Any) -> Rows:
     return found
 
 
+def distinct(*columns: Any) -> Rows:
+    """The rows that are no copies of earlier ones, in their order; columns (n,) or (n, m), of which nan equals nan."""
+    keys = [np.asarray(column).reshape(len(column), -1) for column in columns]
+    numbers = [key if key.dtype.kind == "f" else np.unique(key, return_inverse=True)[1].reshape(key.shape).astype(float) for key in keys]
+    table = np.ascontiguousarray(np.hstack(numbers) + 0.0)
+    return np.sort(np.unique(table.view(np.dtype((np.void, table.dtype.itemsize * table.shape[1]))).ravel(), return_index=True)[1])
+
+
 def repeated(poses: Rows) -> bool:
     """Whether any pose was read several times."""
     return bool(len(poses)) and int(poses.max()) + 1 < len(poses)
