@@ -17,12 +17,12 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.problem import Problem
 from urdfcal.estimation.ekf import Belief, posterior
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.pose_means import beyond
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS
 
 MORE = 2.0  # sigmas of chi-squared beyond which noise is added: little is lost where that was chance
-_STILL = 1e-9  # share of s^2
 _ROUNDS = 20
 _SAME = 0.01  # share of s by which it may be off
 
@@ -55,7 +55,7 @@ def extra_noise(fitted: Problem, x: Vector, noise: Noise, data: Measurements, ki
     for _ in range(_ROUNDS):
         last, now = extra, _with_sigma(linearisation, sigma, {index[kind]: s for kind, s in extra.items()})
         squares, free = (each[: len(data)] for each in _refitted(now, noise, prior, x))
-        extra = {kind: _beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
+        extra = {kind: beyond(variance[rows], squares[rows], float(free[rows].sum())) for kind, rows in own.items()}
         if all(abs(extra[kind] - last[kind]) <= _SAME * extra[kind] for kind in kinds):
             break
     return {kind: s for kind, s in extra.items() if s > 0}
@@ -74,28 +74,18 @@ def _refitted(linearisation: Linearisation, noise: Noise, prior: Belief, x: Vect
     weights, P = noise.weights(linearisation), posterior(linearisation, prior, noise)
     H = weights.jacobian(linearisation)
     gradient = H.T @ weights.residual(linearisation) + (prior.x - x) / np.diag(prior.P)
-    return (linearisation.residual - linearisation.jacobian @ (P @ gradient)) ** 2, 1 - linearisation.leverages(H, P)
+    squares = (linearisation.residual - linearisation.jacobian @ (P @ gradient)) ** 2
+    if linearisation.poses is None:
+        return squares, 1 - linearisation.leverages(H, P)
+    variance = np.diagonal(noise.pose_covariance(linearisation), axis1=1, axis2=2)
+    drawn = np.sum((linearisation.jacobian @ P) * linearisation.jacobian, axis=-1) / variance
+    return linearisation.shares * squares, linearisation.shares * (1 - drawn)
 
 
 def _variance(linearisation: Linearisation, sigma: Matrix, noise: Noise) -> Matrix:
     """Variance of every number as it is stated with it and as the readings of the joints explain it, (n, m); nan where none is stated."""
     of_joints = np.sum((linearisation.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)[: len(sigma)] if noise.of_joints else 0.0
     return np.asarray(sigma**2 + of_joints)
-
-
-def _beyond(known: Vector, squares: Vector, freedom: float) -> float:
-    """The s with sum(r^2 / (known + s^2)) = freedom; 0 where the sum is not above it anyway.
-
-    The sum falls with s^2 and is convex, so that Newton's steps from 0 rise to the solution and never pass it.
-    """
-    if np.sum(squares / known) <= freedom:
-        return 0.0
-    s_squared, step = 0.0, np.inf
-    while step > _STILL * s_squared:
-        weights = 1 / (known + s_squared)
-        step = float((np.sum(squares * weights) - freedom) / np.sum(squares * weights**2))
-        s_squared += step
-    return float(np.sqrt(s_squared))
 
 
 def widened(data: Measurements, extra: Mapping[str, float]) -> Measurements:

@@ -43,7 +43,9 @@ from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import (
     Measurements,
     as_measured,
+    copies_warning,
     fit_and_test,
+    fitted_poses_warning,
     in_pixels,
     placed_by_session,
     require_screen_of_camera,
@@ -136,7 +138,7 @@ def fit(
         as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane, gravity
     )
     found = task.fitted(fit_set) if method.as_published else fitted_with_extra_noise(task, fit_set)
-    found = replace(found, warnings=(*data.warnings, *found.warnings, *in_words(found.extra_noise)))
+    found = replace(found, warnings=(*data.warnings, *copies_warning(data, fit_set), *found.warnings, *in_words(found.extra_noise)))
     return found if test_set is None else with_test(found, test_set)
 
 
@@ -170,6 +172,7 @@ def with_test(calibration: Result, test: Measurements) -> Result:
         test_data=measured.data,
         test_outliers=outliers,
         test_trimmed=tables(trimmed) if outliers else None,
+        warnings=(*calibration.warnings, *fitted_poses_warning(calibration.data, test)),
     )
 
 
@@ -274,7 +277,7 @@ class FitTask:
         """Refit with the joints' prior scales chosen by evidence; priors that were stated, also for single parameters, stay."""
         errors, found, method = first.model.errors, clean.estimate, first.method
         wanted = self.evidence and method.shrinks and "joint" not in self.options.priors and found.converged
-        if not wanted or len(clean.model.data) < LEAST_POSES or not any(parameter.kind == "joint" for parameter in errors.parameters):
+        if not wanted or clean.model.data.pose_count < LEAST_POSES or not any(parameter.kind == "joint" for parameter in errors.parameters):
             return _Scaled(errors, found)
         single = self.options.single.items()
         stated = [name for pattern, said in single if said.sigma is not None for name in matching(errors.parameters, pattern)]
@@ -282,9 +285,9 @@ class FitTask:
         errors = errors.with_prior(prior)
         if method.estimator != "ekf":
             again = replace(method, start=refitted.belief.x)
-            refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), replace(refitted.noise, stated=True))
+            refitted = again.run(clean.model.linearise, Belief.independent(errors.mean, errors.sigma), refitted.noise.hold())
             belief = Belief(refitted.belief.x, covariance_of_uncertain_scales(prior, refitted.belief))
-            refitted = replace(refitted, belief=belief, noise=replace(refitted.noise, stated=noise.stated))
+            refitted = replace(refitted, belief=belief, noise=refitted.noise.released(noise))
         return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
 
     def _result(self, nominal: NominalFit, first: _First, clean: CleanFit, scaled: _Scaled, said: tuple[str, ...]) -> FitResult:

@@ -231,6 +231,7 @@ class Problem:
             self.stated_sigma,
             self.blocks,
             linearisation.lost,
+            poses=self.data.pose_of if self.data.again else None,
         )
         return _with_known(linearised, self.errors, self.data.lengths, x)
 
@@ -319,6 +320,9 @@ def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Seque
         lost=None
         if linearisation.lost is None
         else np.vstack([linearisation.lost, np.zeros((rows, len(linearisation.blocks)), dtype=bool)]),
+        poses=None
+        if linearisation.poses is None
+        else np.concatenate([linearisation.poses, linearisation.poses.max() + 1 + np.arange(rows)]),
     )
 
 

@@ -247,7 +247,7 @@ class FitResult:
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
         tables = f"{rms_of(self.before):.3g} -> {rms_of(self.after):.3g} {main_unit(self.after)}"
-        return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {len(self.data)} poses, RMS {tables}>"
+        return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
 
     def require_trustworthy(self) -> None:
         """Raise if the result must not be trusted.

@@ -135,10 +135,7 @@ def usual_range(robot: Robot, data: Measurements, rng: np.random.Generator | Non
 def log_evidence(linearisation: Linearisation, estimate: Estimate, errors: ErrorModel) -> float:
     """Laplace's approximation of the log evidence, less a constant that the data alone decide."""
     noise, sigma = estimate.noise, errors.sigma
-    if noise.of_joints:
-        spread = float(np.sum(np.linalg.slogdet(noise.pose_covariance(linearisation))[1]))
-    else:
-        spread = float(np.sum(np.log(noise.of_numbers(linearisation)[linearisation.measured] ** 2)))
+    spread = noise.log_determinant(linearisation)
     pull = float(np.sum(((estimate.belief.x - errors.mean) / sigma) ** 2))
     J = (
         noise.weights(linearisation).jacobian(linearisation) * sigma

@@ -222,7 +222,7 @@ def fit(
     }
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
-    say(verbose, f"{about(arm)}; {len(data)} poses")
+    say(verbose, f"{about(arm)}; {data.counted}")
     calibration = run_fit(arm, data, test=further, rng=rng(), **how)
     require_priors_used(priors, calibration.errors)
     warned = (

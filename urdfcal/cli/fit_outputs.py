@@ -142,14 +142,14 @@ class SagWish:
     def cautions(self, calibration: Calibration) -> list[str]:
         """What the user asked about sag, and will not be told."""
         asked = self.wanted and (self.extras or self.estimate or self.gravity != Gravity())
-        few = len(calibration.data) < LEAST_POSES
+        few = calibration.data.pose_count < LEAST_POSES
         return [f"sag is not looked at with fewer than {LEAST_POSES} poses; what was asked about it has no effect"] if asked and few else []
 
     def of(self, calibration: Calibration) -> SagFit | None:
         """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""
         from urdfcal.calibration.analysis.sag import estimated_gravity, fit_sag
 
-        if not self.wanted or calibration.rejection or len(calibration.data) < LEAST_POSES:
+        if not self.wanted or calibration.rejection or calibration.data.pose_count < LEAST_POSES:
             return None
         direction = estimated_gravity(calibration).direction if self.estimate else self.gravity.direction
         return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras)

@@ -157,7 +157,7 @@ def iterated_schedule(
     belief, history = Belief(x, prior.P), [Sweep(x, np.nan, linearisation.rms)]
     if not linearisation.usable:
         return Estimate(belief, linearisation.trouble, noise, history)
-    settled, last = noise.all_stated, 0.0
+    settled, last = noise.settled(linearisation), 0.0
     for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
         weights = noise.weights(linearisation)
         H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
@@ -233,7 +233,7 @@ def degrees_of_freedom(linearisation: Linearisation, H: Matrix, belief: Belief) 
     own = linearisation.unstated
     if len(linearisation.counts) == 1 and np.array_equal(own, linearisation.measured):
         return linearisation.counts - float(np.sum(belief.P * (H.T @ H)))
-    return linearisation.of_kinds(np.where(own, 1 - linearisation.leverages(H, belief.P), 0.0))
+    return linearisation.of_kinds(np.where(own, linearisation.shares - linearisation.leverages(H, belief.P), 0.0))
 
 
 def _damped(

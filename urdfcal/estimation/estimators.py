@@ -110,7 +110,7 @@ def with_honest_covariance(linearise: Linearise, swept: Estimate, prior: Belief,
     if not linearisation.usable:
         return swept
     P = posterior(linearisation, prior, noise)
-    if not noise.all_stated:
+    if not noise.settled(linearisation):
         H = noise.weights(linearisation).jacobian(linearisation)
         noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, Belief(swept.belief.x, P)))
         P = posterior(linearisation, prior, noise)

@@ -33,7 +33,7 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.estimation.prior import Prior
-from urdfcal.estimation.residual import Linearise
+from urdfcal.estimation.residual import Linearisation, Linearise
 
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
 SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
@@ -72,13 +72,13 @@ def by_evidence(linearise: Linearise, prior: Prior, noise: Noise, first: Estimat
         The prior with the chosen scales, the fit under it, and the scales.
     """
     starts = START_SCALES | {group: scale for group, scale in SAG_SCALES.items() if group in prior.groups}
-    found, scales, chosen = first, dict(starts), replace(first.noise, stated=noise.stated)
+    found, scales, chosen = first, dict(starts), first.noise.released(noise)
     for _ in range(_ROUNDS):
         before = np.array([*scales.values(), *chosen.sigma])
         scales, chosen = _chosen(linearise, prior, chosen, noise.sigma, found.belief.x, scales)
         prior = prior.with_scales(scales)
         belief = Belief.independent(prior.mean, prior.sigma)
-        found = iterated_schedule(linearise, belief, replace(chosen, stated=True), start=found.belief.x)
+        found = iterated_schedule(linearise, belief, chosen.hold(), start=found.belief.x)
         if np.max(np.abs(np.array([*scales.values(), *chosen.sigma]) / before - 1)) < _REST:
             break
     unsure = Belief(found.belief.x, covariance_of_uncertain_scales(prior, found.belief))
@@ -105,7 +105,8 @@ def _chosen(
     linearise: Linearise, prior: Prior, noise: Noise, usual: Vector, x: Vector, scales: dict[str, float]
 ) -> tuple[dict[str, float], Noise]:
     """MacKay's fixed point at one linearisation; noise of which the data tell too little is no larger than usual, (kinds,)."""
-    sums = _sums(linearise, noise, x, prior.mean)
+    linearisation = linearise(x)
+    sums = _sums(linearisation, noise, x, prior.mean)
     members = {group: prior.members(group) for group in scales}
     A, b = np.array([sums_of_kind.A for sums_of_kind in sums]), np.array([sums_of_kind.b for sums_of_kind in sums])
     factor, scales = np.ones(len(sums)), dict(scales)
@@ -124,7 +125,10 @@ def _chosen(
         factor = np.asarray(np.where(fixed, factor, np.maximum(own_factors, least)))
         if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:
             break
-    return scales, noise.times(factor[:-1])
+    if linearisation.poses is None or noise.held:
+        return scales, noise.times(factor[:-1])
+    apart = noise.told_apart(linearisation, factor[:-1], ~fixed[:-1])
+    return scales, replace(apart, common=np.where(noise.stated, noise.common, apart.common))
 
 
 @dataclass(frozen=True)
@@ -148,14 +152,13 @@ class _Sums:
         return float(np.sqrt(max(misfit, 1e-12 * self.c) / freedom))
 
 
-def _sums(linearise: Linearise, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
+def _sums(linearisation: Linearisation, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
     """One for each kind of noise, and a last one for what states its own."""
-    linearisation = linearise(x)
     weights = noise.weights(linearisation)
     J, r = weights.jacobian(linearisation), weights.residual(linearisation)
     y, stated = r + J @ (x - mean), ~np.isnan(linearisation.stated_sigma)
     kinds = np.where(stated, len(linearisation.counts), linearisation.kinds).ravel()
-    counts = np.bincount(kinds[np.asarray(linearisation.measured).ravel()], minlength=len(linearisation.counts) + 1)
+    counts = np.bincount(kinds, np.ravel(linearisation.shares), minlength=len(linearisation.counts) + 1)
     if len(linearisation.counts) == 1 and not stated.any():
         return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0])), _Sums(np.zeros((len(x), len(x))), np.zeros(len(x)), 0.0, 0.0)]
     own = [kinds == kind for kind in range(len(counts))]

@@ -1,7 +1,7 @@
 """What the measurements are worth: noise of the readings and of the joints, the weights that follow, and whether residuals scatter so.
 
 Joint readings are inputs: their noise reaches a reading through the joint Jacobian and differs from pose to pose, so the covariance of
-one pose's numbers is R_i = R_readings + J_q R_q J_q'.
+one pose's numbers is R_i = R_readings + J_q R_q J_q'. Several readings of one pose count as their mean (`pose_means.py`).
 
 A fit draws predictions towards what was measured. With H the whitened Jacobian and P the covariance of the parameters, a whitened
 residual has the variance 1 - h, h = diag(H P H') its leverage, so that the degrees of freedom of some numbers are sum(1 - h).
@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.estimation.pose_means import PoseMeans, beyond, scatter_within
 from urdfcal.estimation.residual import Linearisation
 
 _LEAST_SIGMA = 1e-6  # [m], [rad] or [px]; no sensor sees less, and noise-free simulations end here
@@ -26,9 +27,15 @@ _SURE = 4.0  # sigmas of chi-squared beyond which it is no chance
 
 @dataclass(frozen=True)
 class Weights:
-    """Whitening of each pose's numbers: either factors (n, m) or (), or matrices (n, m, m)."""
+    """Whitening of each pose's numbers: either factors (n, m) or (), or matrices (n, m, m).
+
+    Attributes:
+        factor: Of the n rows, or where some are readings of one pose, of the poses' means.
+        means: From rows to poses; None where every row is a pose of its own.
+    """
 
     factor: Any
+    means: PoseMeans | None = None
 
     @staticmethod
     def uniform(sigma: float) -> Weights:
@@ -44,6 +51,13 @@ class Weights:
         return self._whitened(linearisation.jacobian).reshape(-1, linearisation.jacobian.shape[-1])
 
     def _whitened(self, rows: Array3) -> Array3:
+        return self._scaled(rows) if self.means is None else self.means.spread(self._scaled(self.means.gathered(rows)))
+
+    def of_poses(self, rows: Array3) -> Array3:
+        """Whitened numbers of poses, (poses, m, c), from those of readings, (n, m, c)."""
+        return self._scaled(rows if self.means is None else self.means.gathered(rows))
+
+    def _scaled(self, rows: Array3) -> Array3:
         if self.factor.ndim == 3:
             return np.asarray(self.factor @ rows)
         return np.asarray(rows * (self.factor[..., None] if self.factor.ndim else self.factor))
@@ -57,16 +71,22 @@ class Noise:
         sigma: Of each kind of number, (kinds,), where the measurement states none of its own: [m], [rad] or [px]; one may be given alone.
         joint_sigma: Of each measured joint, (inputs,), [rad] or [m].
         stated: Whether each sigma was stated, (kinds,); if not, it is estimated from the residual. One for all may be given.
+        common: Share of the variance sigma^2 that all readings of one pose have in common, (kinds,): the intraclass correlation. It means
+            something only where poses were read several times, and is 1 where they do not tell. One for all may be given.
+        held: Whether nothing of it is estimated any more.
     """
 
     sigma: Any
     joint_sigma: Vector
     stated: Any = True
+    common: Any = 1.0
+    held: bool = False
 
     def __post_init__(self) -> None:
         sigma = np.atleast_1d(np.asarray(self.sigma, dtype=float))
         object.__setattr__(self, "sigma", sigma)
         object.__setattr__(self, "stated", np.broadcast_to(np.asarray(self.stated, dtype=bool), sigma.shape))
+        object.__setattr__(self, "common", np.broadcast_to(np.asarray(self.common, dtype=float), sigma.shape))
 
     @property
     def spot_sigma(self) -> float:
@@ -83,14 +103,63 @@ class Noise:
         """Whether none of them is estimated."""
         return bool(self.stated.all())
 
+    @property
+    def sigma_in_common(self) -> Vector:
+        """Standard deviation of what all readings of one pose have in common, (kinds,)."""
+        return np.asarray(self.sigma * np.sqrt(self.common))
+
+    @property
+    def sigma_of_reading(self) -> Vector:
+        """Standard deviation of what each reading of a pose has of its own, (kinds,)."""
+        return np.asarray(self.sigma * np.sqrt(1 - self.common))
+
+    def settled(self, linearisation: Linearisation) -> bool:
+        """Whether a set tells nothing of the noise that is not known."""
+        return self.held or (self.all_stated and linearisation.poses is None)
+
+    def hold(self) -> Noise:
+        """The same, of which nothing is estimated any more."""
+        return replace(self, stated=True, held=True)
+
+    def released(self, like: Noise) -> Noise:
+        """The same, of which is estimated what is estimated of another one."""
+        return replace(self, stated=like.stated, held=like.held)
+
     def weights(self, linearisation: Linearisation) -> Weights:
         """Whitening at one linearisation."""
+        if linearisation.poses is not None:
+            return self._weights_of_poses(linearisation)
         if not self.of_joints:
             return Weights(1 / self.of_numbers(linearisation))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(linearisation))))
 
+    def _weights_of_poses(self, linearisation: Linearisation) -> Weights:
+        """The same where some rows are readings of one pose; they share the readings of the joints."""
+        means = PoseMeans.of(linearisation, self.of_numbers(linearisation))
+        variance = self._variance_of_means(linearisation, means)
+        if not self.of_joints:
+            return Weights(1 / np.sqrt(variance), means)
+        reach = means.gathered(linearisation.joint_jacobian * self.joint_sigma)
+        return Weights(np.linalg.inv(np.linalg.cholesky(reach @ reach.transpose(0, 2, 1) + _diagonal(variance))), means)
+
+    def _variance_of_means(self, linearisation: Linearisation, means: PoseMeans) -> Matrix:
+        """1 - rho + rho k of every number of a pose, (poses, m)."""
+        rho = self.common[linearisation.kinds]
+        return np.asarray(1 - rho + rho * means.readings)
+
+    def log_determinant(self, linearisation: Linearisation) -> float:
+        """Logarithm of the determinant of the covariance of all numbers that were measured; of poses read several times, of their means."""
+        if linearisation.poses is not None:
+            factor, means = self._weights_of_poses(linearisation).factor, PoseMeans.of(linearisation, self.of_numbers(linearisation))
+            sizes = np.log(np.diagonal(factor, axis1=1, axis2=2) if factor.ndim == 3 else factor)
+            precise = means.gathered(np.ones((*means.unit.shape, 1)))[..., 0]
+            return float(-2 * np.sum(np.where(means.seen, sizes + np.log(np.where(means.seen, precise, 1.0)), 0.0)))
+        if self.of_joints:
+            return float(np.sum(np.linalg.slogdet(self.pose_covariance(linearisation))[1]))
+        return float(np.sum(np.log(self.of_numbers(linearisation)[linearisation.measured] ** 2)))
+
     def pose_covariance(self, linearisation: Linearisation) -> Array3:
-        """R_i = R_spot + J_q R_q J_q' of every pose, (n, m, m); what was not measured has unit variance."""
+        """R_i = R_spot + J_q R_q J_q' of every row, (n, m, m); what was not measured has unit variance."""
         reach = linearisation.joint_jacobian * self.joint_sigma if self.of_joints else np.zeros((*linearisation.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
         numbers = np.arange(linearisation.residual.shape[1])
@@ -116,18 +185,71 @@ class Noise:
         Both are of numbers that do not state their noise.
 
         What was stated stays, and so does a kind with fewer than LEAST_FREEDOM: a fit that nearly runs through its data says nothing
-        of their noise.
+        of their noise. What the readings of one pose have in common is estimated either way.
         """
+        if self.held:
+            return self
         freedom = np.atleast_1d(degrees_of_freedom)
         squares = (self.weights(linearisation).residual(linearisation) ** 2).reshape(linearisation.residual.shape)
         chi_squared = linearisation.of_kinds(squares * linearisation.unstated)
-        fixed = self.stated | (freedom < LEAST_FREEDOM)
-        return self.times(np.where(fixed, 1.0, np.sqrt(chi_squared / np.maximum(freedom, 1.0))))
+        factor, tells = np.sqrt(chi_squared / np.maximum(freedom, 1.0)), freedom >= LEAST_FREEDOM
+        if linearisation.poses is not None:
+            return self.told_apart(linearisation, factor, tells)
+        return self.times(np.where(self.stated | ~tells, 1.0, factor))
+
+    def told_apart(self, linearisation: Linearisation, factor: Vector, tells: Mask) -> Noise:
+        """The noise that means of poses ask for, with what readings of one pose show of their own.
+
+        Where too few readings tell that, all of it is the pose's; where too few means tell theirs, what a pose has in common stays.
+
+        Args:
+            linearisation: Of which some rows are readings of one pose.
+            factor: How many times as much as they should the means of each kind scatter, (kinds,).
+            tells: Of which kinds there are means enough to say so, (kinds,).
+        """
+        sigma = self.of_numbers(linearisation)
+        within, means = scatter_within(linearisation, sigma), PoseMeans.of(linearisation, sigma)
+        variance, found, shares = self._variance_of_means(linearisation, means), self.sigma.copy(), self.common.copy()
+        for kind in np.flatnonzero(linearisation.counts).tolist():
+            own = means.seen & (linearisation.kinds == kind)
+            ask = variance[own] * (factor[kind] ** 2 if tells[kind] else 1.0)
+            alone = within.variance[kind] if within.freedom[kind] >= LEAST_FREEDOM else 0.0
+            found[kind], shares[kind] = self._split(kind, means.readings[own], ask, alone, within.freedom[kind], bool(tells[kind]))
+        return replace(self, sigma=np.maximum(found, _LEAST_SIGMA), common=shares)
+
+    def _split(self, kind: int, readings: Vector, ask: Vector, alone: float, freedom: float, tells: bool) -> tuple[float, float]:
+        """Standard deviation of a reading of one kind, and the share that its pose has in common.
+
+        Args:
+            kind: Index of the kind.
+            readings: How many readings each mean has, (k,).
+            ask: Variances that the means ask for, in units of independent readings', (k,).
+            alone: Variance of what each reading has of its own, in units of sigma^2.
+            freedom: Degrees of freedom of that.
+            tells: Whether the means tell anything.
+        """
+        sigma, stated = float(self.sigma[kind]), bool(self.stated[kind])
+        common = float(self.common[kind]) if not stated else max(1 - alone, 0.0)
+        if tells:
+            common = float(np.mean(ask / readings)) if alone == 0 else beyond(alone / readings, ask / readings, len(ask)) ** 2
+        whole = alone + common
+        share = common / whole if whole > 0 else 1.0
+        if stated:
+            return sigma, share
+        if common == 0:  # nothing in common: means and scatter tell of the same
+            whole = (freedom * alone + float(np.sum(ask))) / (freedom + len(ask))
+        return sigma * float(np.sqrt(whole)), share
 
     def close_to(self, other: Noise, linearisation: Linearisation) -> bool:
         """Whether another estimate of the noise is the same for all purposes: joint readings may hide a sensor's own noise."""
         own, old = (np.diagonal(each.pose_covariance(linearisation), axis1=1, axis2=2)[linearisation.measured] for each in (self, other))
-        return bool(np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)
+        same = np.max(np.abs(self.common - other.common)) < _CLOSE
+        return bool(same and np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)
+
+
+def _diagonal(rows: Matrix) -> Array3:
+    """Rows (n, m) as diagonal matrices, (n, m, m)."""
+    return np.asarray(rows[:, :, None] * np.eye(rows.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -168,7 +290,7 @@ def misfits(linearisation: Linearisation, noise: Noise, P: Matrix) -> tuple[Misf
     stating = read & ~linearisation.unstated
     own = np.where((linearisation.of_kinds(stating) > 0)[linearisation.kinds], stating, read)
     squares = np.where(own, (weights.residual(linearisation) ** 2).reshape(own.shape), 0.0)
-    free = np.where(own, 1 - linearisation.leverages(weights.jacobian(linearisation), P), 0.0)
+    free = np.where(own, linearisation.shares - linearisation.leverages(weights.jacobian(linearisation), P), 0.0)
     return tuple(
         Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
         for chi_squared, freedom in zip(linearisation.of_kinds(squares), linearisation.of_kinds(free), strict=True)

@@ -46,6 +46,8 @@ class Linearisation:
         blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
         lost: Which observations were made and are out of the sensor's reach in the model, (n, blocks); none if it is None.
         known: How many rows at the end are no readings, but what is known beforehand.
+        poses: Index of the pose that each row is a reading of, (n,), without gaps; None where every row is a pose of its own.
+        root: Root of the weight that each number has among those of its pose, (n, m), by which its row was scaled; None for 1.
     """
 
     residual: Matrix
@@ -56,6 +58,8 @@ class Linearisation:
     blocks: tuple[Block, ...] = ()
     lost: Mask | None = None
     known: int = 0
+    poses: Kinds | None = None
+    root: Matrix | None = None
 
     @cached_property
     def trouble(self) -> str:
@@ -88,6 +92,9 @@ class Linearisation:
             measured=self.measured[:count],
             stated_sigma=self.stated_sigma[:count],
             lost=None if self.lost is None else self.lost[:count],
+            known=0,
+            poses=None if self.poses is None else self.poses[:count],
+            root=None if self.root is None else self.root[:count],
         )
 
     @property
@@ -108,10 +115,19 @@ class Linearisation:
             kinds[block.columns] = block.kind
         return kinds
 
+    @cached_property
+    def shares(self) -> Any:
+        """What each number counts, (n, m): 1 where it was measured, and together 1 where it was read several times at one pose."""
+        if self.poses is None:
+            return self.measured
+        times = np.zeros((self.poses.max(initial=-1) + 1, self.residual.shape[1]))
+        np.add.at(times, self.poses, self.measured)
+        return np.where(self.measured, 1 / np.maximum(times, 1.0)[self.poses], 0.0)
+
     @property
     def counts(self) -> Vector:
-        """How many numbers of each kind were measured, (kinds,)."""
-        return self.of_kinds(self.measured)
+        """How many numbers of each kind were measured, (kinds,); several readings of one pose are one."""
+        return self.of_kinds(self.shares)
 
     def of_kinds(self, numbers: Any) -> Vector:
         """Sum of something that each number has, (n, m), by kind, (kinds,)."""
@@ -144,8 +160,8 @@ class Linearisation:
 
     @property
     def count(self) -> int:
-        """How many numbers were measured."""
-        return int(np.count_nonzero(self.measured))
+        """How many numbers were measured; several readings of one pose are one."""
+        return round(float(np.sum(self.shares)))
 
     @property
     def rms(self) -> float:

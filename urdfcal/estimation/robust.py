@@ -24,6 +24,7 @@ from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.estimation.chi_squared import MEDIANS, medians
 from urdfcal.estimation.ekf import Belief, Estimate, Sweep, compress, iterated_schedule, update
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
+from urdfcal.estimation.pose_means import scatter_within
 from urdfcal.estimation.residual import Linearisation, Linearise
 
 Loss = Literal["student", "huber"]
@@ -157,7 +158,7 @@ def iteratively_reweighted(
         estimate = iterated_schedule(
             lambda state, heard=heard, weights=weights: _weighted(observed.at(state, heard), weights),  # type: ignore[misc]
             prior,
-            replace(scaled, stated=True),
+            scaled.hold(),
             start=belief.x,
             max_sweeps=3,
         )
@@ -168,12 +169,24 @@ def iteratively_reweighted(
         linearisation, met = observed.reached(belief.x)
         if moved < 1e-3 and np.array_equal(heard, last) and scaled.close_to(_rescaled(noise, linearisation, belief, prior), linearisation):
             belief = Belief(belief.x, _covariance(observed.at(belief.x, heard), scaled, estimate.belief, prior, loss))
-            return replace(estimate, belief=belief, stop="converged", noise=replace(scaled, stated=noise.stated), history=history)
-    return replace(estimate, stop="max_sweeps", noise=replace(scaled, stated=noise.stated), history=history)
+            return replace(estimate, belief=belief, stop="converged", noise=scaled.released(noise), history=history)
+    return replace(estimate, stop="max_sweeps", noise=scaled.released(noise), history=history)
 
 
 def _rescaled(noise: Noise, linearisation: Linearisation, belief: Belief, prior: Belief) -> Noise:
     """Noise at the robust scale of the residuals; never under what is stated, nor what is usual where too few residuals tell."""
+    return _with_common(_at_scale(noise, linearisation, belief, prior), linearisation)
+
+
+def _with_common(noise: Noise, linearisation: Linearisation) -> Noise:
+    """The same with the share in common that readings of one pose show, by their median scatter; all of it where too few tell."""
+    if linearisation.poses is None:
+        return noise
+    within = scatter_within(linearisation, noise.of_numbers(linearisation), robust=True)
+    return replace(noise, common=np.where(within.freedom >= LEAST_FREEDOM, np.clip(1 - within.variance, 0.0, 1.0), 1.0))
+
+
+def _at_scale(noise: Noise, linearisation: Linearisation, belief: Belief, prior: Belief) -> Noise:
     scales = kind_scales(linearisation, mahalanobis_squared(linearisation, noise))
     if linearisation.count - _used(belief, prior) < LEAST_FREEDOM:
         return noise.times(np.maximum(scales, 1.0))
@@ -203,8 +216,8 @@ def _covariance(linearisation: Linearisation, noise: Noise, belief: Belief, prio
     d2, m = np.nan_to_num(mahalanobis_squared(linearisation, noise)), degrees(linearisation)
     weights = np.where(m > 0, _weights(d2, m, loss), 0.0)
     slope = weights**2 * d2 / (_NU + m) if loss == "student" else np.where(weights < 1, weights / 2, 0.0)
-    squared = np.sum(weights**2 * d2) / max(linearisation.count, 1) * _room(linearisation, belief, prior) ** 2
-    of_bulk = (np.sum(m * weights - 2 * slope) / max(linearisation.count, 1)) ** 2
+    squared = np.sum(weights**2 * d2) / max(int(m.sum()), 1) * _room(linearisation, belief, prior) ** 2
+    of_bulk = (np.sum(m * weights - 2 * slope) / max(int(m.sum()), 1)) ** 2
     kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
     H = noise.weights(linearisation).jacobian(linearisation)
     rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
@@ -227,6 +240,7 @@ def _weighted(linearisation: Linearisation, weights: Matrix) -> Linearisation:
         linearisation,
         residual=linearisation.residual * root,
         jacobian=linearisation.jacobian * root[..., None],
+        root=root,
         joint_jacobian=linearisation.joint_jacobian * root[..., None],
     )
 

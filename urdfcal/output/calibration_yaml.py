@@ -17,6 +17,7 @@ from urdfcal.base.version import __version__
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
+from urdfcal.output.text.instruments import noise_in_common
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
@@ -43,6 +44,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
             "spot_sigma_stated": noise.all_stated,
             "extra_noise": dict(calibration.extra_noise),
             "sigma": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
+            **({"in_common": shared} if (shared := noise_in_common(calibration)) else {}),
             "joint_sigma_deg": [float(sigma / DEG) for sigma in noise.joint_sigma],
         },
         "joints": joint_entries(calibration.corrections),
@@ -145,7 +147,8 @@ def _rig_entry(rig: Rig) -> dict[str, Any]:
 
 def _data_entry(calibration: FitResult) -> dict[str, Any]:
     data = calibration.data
-    entry: dict[str, Any] = {"poses": len(data)} | ({"spots": int(data.seen.sum())} if data.lasers else {})
+    entry: dict[str, Any] = {"poses": data.pose_count} | ({"rows": len(data)} if data.again else {})
+    entry |= {"spots": int(data.seen.sum())} if data.lasers else {}
     entry |= {} if data.only_spots else {"readings": data.summary}
     if data.source:
         entry = {"file": _readable(data.source), "sha256": data.sha256, **entry}

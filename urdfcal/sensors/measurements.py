@@ -16,6 +16,7 @@ from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
+from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,40 @@ class Measurements:
         return len(self.q)
 
     @cached_property
+    def pose_of(self) -> npt.NDArray[np.intp]:
+        """Index of the pose that each row is a reading of, (n,): joints, session, payload, approach and what was touched agree."""
+        payload = np.zeros(len(self)) if self.payload is None else np.nan_to_num(self.payload)
+        return same_poses(self.q, codes(self.sessions, payload, *(own.labels for own in self.readings if own.touched)), self.approach)
+
+    @cached_property
+    def configuration_of(self) -> npt.NDArray[np.intp]:
+        """Index of the joint configuration that each row was read at, (n,), which is what splits into fitted and tested ones draw."""
+        return same_poses(self.q, codes(self.sessions))
+
+    @property
+    def pose_count(self) -> int:
+        """How many different poses there are."""
+        return int(self.pose_of.max(initial=-1)) + 1
+
+    def without_copies(self) -> Measurements:
+        """The same without rows that are copies of others to the last bit, since no reading comes twice so."""
+        payload = np.zeros(len(self)) if self.payload is None else self.payload
+        read = [column for reading in self.readings for column in (reading.values, reading.labels, reading.sigma)]
+        rows = distinct(self.q, self.sets, self.sessions, payload, *read) if len(self) else np.arange(0)
+        return self if len(rows) == len(self) else self.subset(rows)
+
+    @property
+    def again(self) -> bool:
+        """Whether any pose was read several times."""
+        return repeated(self.pose_of)
+
+    @property
+    def counted(self) -> str:
+        """How many poses of how many readings, in words: `60 poses`, or `60 poses (read 180 times)`."""
+        poses = f"{self.pose_count} {'pose' if self.pose_count == 1 else 'poses'}"
+        return f"{poses} (read {len(self)} times)" if self.again else poses
+
+    @cached_property
     def observed(self) -> Mask:
         """At which poses anything was seen, (n,)."""
         return np.asarray(np.any([np.zeros(len(self), dtype=bool), *(reading.seen for reading in self.readings)], axis=0))
@@ -90,8 +125,15 @@ class Measurements:
 
     @property
     def numbers(self) -> int:
-        """How many numbers were measured."""
-        return sum(reading.numbers for reading in self.readings)
+        """How many numbers were measured; several readings of one pose are one."""
+        if not self.again:
+            return sum(reading.numbers for reading in self.readings)
+        seen = [np.unique(np.column_stack([self.pose_of[rows], numbers]), axis=0) for rows, numbers in map(np.nonzero, self._measured)]
+        return sum(len(own) for own in seen)
+
+    @property
+    def _measured(self) -> list[Mask]:
+        return [reading.measured for reading in self.readings]
 
     @cached_property
     def kinds(self) -> tuple[str, ...]:
@@ -250,7 +292,7 @@ def as_measured(robot: Robot, data: Measurements) -> Robot:
 
 
 def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:
-    """The poses to fit, and those to test: marked in the data, or given apart.
+    """The poses to fit, without copies of rows, and those to test: marked in the data, or given apart.
 
     Raises:
         UsageError: nothing is left to fit, or test poses come from both.
@@ -260,7 +302,23 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
         raise UsageError("no pose is left to fit: every row with a measurement is marked as test")
     if test is not None and len(marked):
         raise UsageError("the measurements mark test poses in their 'set' column, and other test poses were given; use one of the two")
-    return fit_set, test if test is not None else marked if len(marked) else None
+    return fit_set.without_copies(), test if test is not None else marked if len(marked) else None
+
+
+def copies_warning(data: Measurements, fitted: Measurements) -> tuple[str, ...]:
+    """Says how many rows to fit are copies of others."""
+    copies = int(np.count_nonzero(data.sets == "fit")) - len(fitted)
+    many = f"{copies} rows are copies of others" if copies > 1 else "a row is a copy of another"
+    return (f"{many}, joints and readings alike; copies add nothing to what is known and were left out",) if copies else ()
+
+
+def fitted_poses_warning(fitted: Measurements, test: Measurements) -> tuple[str, ...]:
+    """Says how many readings that are only tested were made at joint positions that are fitted, too."""
+    q, sessions = np.vstack([fitted.q, test.q]), np.concatenate([fitted.sessions, test.sessions])
+    poses = same_poses(q, codes(sessions))
+    known = int(np.count_nonzero(np.isin(poses[len(fitted) :], poses[: len(fitted)])))
+    many = f"{known} of {len(test)} test readings were"
+    return (f"{many} made at joint positions that were fitted, too; they say little of other poses",) if known else ()
 
 
 def placed_by_session(data: Measurements) -> str:

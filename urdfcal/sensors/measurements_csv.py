@@ -19,6 +19,7 @@ from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
+from urdfcal.sensors.repeats import last_moves
 from urdfcal.sensors.sensor import QUANTITIES, CellFault, Quantity, Sensor
 
 _LEAST_SIGMA = 1e-12  # [m] or [px]: a spot known better than that is a mistake, and its weight overflows
@@ -70,7 +71,7 @@ def read_measurements(
         camera=camera,
         boards=boards or {},
         payload=_payload(table),
-        approach=np.sign(np.diff(q, axis=0, prepend=q[:1])),
+        approach=last_moves(q),
     )
 
 

@@ -17,7 +17,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, fit_and_test
+from urdfcal.sensors.measurements import Measurements, as_measured, copies_warning, fit_and_test
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
 
 
@@ -91,11 +91,16 @@ def check(
         errors=errors,
         data=fit_set,
         noise=noise,
-        observability=observe(errors.names, H, errors.sigma, len(fit_set)),
+        observability=observe(errors.names, H, errors.sigma, fit_set.pose_count),
         predicted=predicted,
         sigma=np.sqrt(np.diag(P)),
         suggestions=suggestions(Trial(robot, errors, options, fit_set, noise, nominal.x), rng),
-        warnings=(*data.warnings, *model_warnings(robot, options), *((no_scale,) if no_scale else ())),
+        warnings=(
+            *data.warnings,
+            *copies_warning(data, fit_set),
+            *model_warnings(robot, options),
+            *((no_scale,) if no_scale else ()),
+        ),
     )
 
 

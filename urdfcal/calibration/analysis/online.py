@@ -34,6 +34,7 @@ from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.sensors.registry import start_sigma_of
+from urdfcal.sensors.repeats import RESOLUTION
 from urdfcal.sensors.stated_noise import joint_sigmas, stating_kinds
 
 WORKSPACE = 50  # configurations over which accuracy is predicted
@@ -179,9 +180,10 @@ class OnlineCalibrator:
             return self._skip(
                 f"pose {pose.poses[0]}: its spots are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate
             )
-        self._history.add(pose)
+        again = self._history.holds(pose)  # shares what that pose has in common, which an update would take for something new
+        self._history.add(pose, again)
         self._skipped = 0
-        fresh = self._settled(belief, self.state.noise) if linearisation.count and self._stale(belief) else None
+        fresh = self._settled(belief, self.state.noise) if linearisation.count and (again or self._stale(belief)) else None
         self.state = self._state(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
         return self.state
 
@@ -235,14 +237,14 @@ class OnlineCalibrator:
             return None
         self._extra, self._misfit = extra, _misfit_of(model, found)
         self._mark(found.belief.x)
-        return found.belief, replace(found.noise, stated=noise.stated)
+        return found.belief, found.noise.released(noise)
 
     def _batch(self, model: Problem, belief: Belief, noise: Noise) -> Estimate:
         held = noise.all_stated or self._freedom(belief) < _FREEDOM
         return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
 
     def _freedom(self, belief: Belief) -> float:
-        """Measurements less the parameters that they decide."""
+        """Measurements less the parameters that they decide; several readings of one pose are one."""
         decided = len(self.errors.names) - float(np.sum(np.diag(belief.P) / self.errors.sigma**2))
         return 2 * self._history.seen - decided
 
@@ -305,14 +307,18 @@ class _History:
     def __len__(self) -> int:
         return self.count
 
-    def add(self, pose: Measurements) -> None:
+    def holds(self, pose: Measurements) -> bool:
+        """Whether this is a further reading of a pose that is held."""
+        return bool((np.abs(self.q[: self.count] - pose.q) <= RESOLUTION).all(axis=1).any())
+
+    def add(self, pose: Measurements, again: bool) -> None:
         if self.count == len(self.q):
             for name in ("q", "spots", "sigma", "labels"):
                 old = getattr(self, name)
                 setattr(self, name, np.concatenate([old, np.empty_like(old)]))
         self.q[self.count], self.spots[self.count], self.sigma[self.count] = pose.q[0], pose.spots[0], pose.sigma[0]
         self.labels[self.count] = pose.poses[0]
-        self.count, self.seen = self.count + 1, self.seen + int(pose.seen.sum())
+        self.count, self.seen = self.count + 1, self.seen + (0 if again else int(pose.seen.sum()))
 
     def measurements(self) -> Measurements:
         n = self.count

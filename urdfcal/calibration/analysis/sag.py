@@ -28,6 +28,7 @@ from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.repeats import first_rows
 
 FOLDS = 5
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -216,13 +217,16 @@ class _Setup:
         return _Fitted(errors, first, model, terms)
 
     def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:
-        """Each pose predicted by fits that did not see it."""
-        folds = min(folds, len(self.data))
+        """Each pose predicted by fits that did not see it, nor another reading at the same joint positions."""
+        where = self.data.configuration_of
+        poses = first_rows(where)
+        folds = min(folds, len(poses))
         if folds < 2:
             return None
         noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
         sums = np.zeros((2, 3))
-        for rows in np.array_split(rng.permutation(len(self.data)), folds):
+        for held in np.array_split(rng.permutation(len(poses)), folds):
+            rows = held if len(poses) == len(where) else np.flatnonzero(np.isin(where, held))
             sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
         geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
         return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
@@ -289,7 +293,7 @@ def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, uni
         Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise.
     """
     kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
-    noise = replace(fitted.estimate.noise, stated=True)
+    noise = fitted.estimate.noise.hold()
     found = _run(problem_of(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
     linearisation = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
     own = [row for row in error_table(linearisation, len(rows)).values() if row.unit == unit]

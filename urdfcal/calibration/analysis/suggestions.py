@@ -295,7 +295,7 @@ def _posterior_with(trial: Trial, data: Measurements) -> Matrix:
     errors = build_error_model(robot.chain, robot.rig, trial.options, trial.errors.sessions)
     further = (parameter for parameter in errors.parameters if parameter.kind == "target" and parameter.name not in names)
     errors = replace(errors, parameters=(*trial.errors.parameters, *further))
-    noise = replace(trial.noise, sigma=start_sigma(data), stated=True)
+    noise = replace(trial.noise, sigma=start_sigma(data), stated=True, common=1.0)
     nominal = nominal_fit(errors, data, noise)
     return posterior_of(nominal.errors, whitened(nominal.errors, data, noise, nominal.x))
 

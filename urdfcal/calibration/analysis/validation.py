@@ -29,10 +29,12 @@ from urdfcal.calibration.result import CrossValidation, FitResult
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.estimation.ekf import Belief, degrees_of_freedom, posterior
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.pose_means import total
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements, placed_by_session
+from urdfcal.sensors.repeats import first_rows
 from urdfcal.sensors.sensor import UNITS
 
 Rows = npt.NDArray[np.intp]
@@ -47,7 +49,7 @@ _LEAST_ERROR = 1e-6  # [m]; what is smaller is rounding of a noise-free simulati
 
 
 def holdout(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
-    """Mark poses at random as test poses, the same share of every session.
+    """Mark poses at random as test poses, the same share of every session; all readings of one pose go together.
 
     Args:
         data: Measurements, none of them marked yet.
@@ -63,10 +65,13 @@ def holdout(data: Measurements, share: float, rng: np.random.Generator) -> Measu
         raise UsageError("the measurements mark test poses in their 'set' column already; hold out no others, or take the column out")
     sets = data.sets.astype("<U4")  # as wide as "test"
     for rows in _by_session(data):
-        count = min(round(share * len(rows)), len(rows) - 1)
-        sets[rng.permutation(rows)[: max(count, 0)]] = "test"
+        poses = rng.permutation(rows[first_rows(data.configuration_of[rows])])
+        count = min(round(share * len(poses)), len(poses) - 1)
+        held = np.isin(data.configuration_of, data.configuration_of[poses[: max(count, 0)]])
+        sets[rows[held[rows]]] = "test"
     if not (sets == "test").any():
-        raise UsageError(f"a share of {share:g} of {len(data)} poses is no pose to hold out; ask for more, or measure more poses")
+        count = len(first_rows(data.configuration_of))
+        raise UsageError(f"a share of {share:g} of {count} poses is no pose to hold out; ask for more, or measure more poses")
     return replace(data, sets=sets)
 
 
@@ -180,35 +185,43 @@ def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
     there = problem_of(errors, test, noise).linearise(calibration.x)
     prior = Belief.independent(errors.mean, errors.sigma)
     P = posterior(linearisation, prior, noise)  # every measurement counted once, whatever the estimator's own
-    if not noise.all_stated:
+    if not noise.settled(linearisation):
         noise = noise.estimated(
             linearisation, degrees_of_freedom(linearisation, noise.weights(linearisation).jacobian(linearisation), Belief(calibration.x, P))
         )
         P = posterior(linearisation, prior, noise)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
-    left_out = _mean_squares(_left_out_residuals(linearisation, noise, P), linearisation, least, len(calibration.data))
-    tested = _mean_squares(_residuals(there, noise), there, least, len(test))
+    left_out = _mean_squares(_left_out_residuals(linearisation, noise, P), linearisation, least, calibration.data.pose_count)
+    tested = _mean_squares(_residuals(there, noise), there, least, test.pose_count)
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
-    where = test.where(int(np.flatnonzero(test.observed)[worst])) if alone else ""
+    where = test.where(int(_first_readings(test)[worst])) if alone else ""
     size = next(UNITS[block.unit] for block in there.blocks if block.kind == 0)
     return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / size)
 
 
+def _first_readings(data: Measurements) -> Rows:
+    """The first row of every pose that saw something."""
+    rows = np.flatnonzero(data.observed)
+    return np.asarray(rows[first_rows(data.pose_of[rows])])
+
+
 def _residuals(linearisation: Linearisation, noise: Noise) -> Matrix:
-    return noise.weights(linearisation).residual(linearisation).reshape(linearisation.residual.shape)
+    """Whitened residual of each pose, (poses, m)."""
+    return noise.weights(linearisation).of_poses(linearisation.residual[..., None])[..., 0]
 
 
 def _left_out_residuals(linearisation: Linearisation, noise: Noise, P: Matrix) -> Matrix:
     """Whitened residual of each pose as if it had been left out of the fit, (n, m)."""
-    J: Array3 = np.reshape(noise.weights(linearisation).jacobian(linearisation), linearisation.jacobian.shape)
+    J: Array3 = noise.weights(linearisation).of_poses(linearisation.jacobian)
     kept = np.eye(J.shape[1]) * (1 + 1e-9) - (J @ P) @ J.transpose(0, 2, 1)
     return np.asarray(np.einsum("nij,nj->ni", np.linalg.inv(kept), _residuals(linearisation, noise)))
 
 
 def _mean_squares(residuals: Matrix, linearisation: Linearisation, least: float, poses: int) -> Vector:
     """Mean of the squared residuals of each pose that saw something, (k,); rows of what is known beforehand are no poses."""
-    count = linearisation.measured[:poses].sum(axis=1)
+    measured = linearisation.measured if linearisation.poses is None else total(linearisation.poses, linearisation.measured) > 0
+    count = measured[:poses].sum(axis=1)
     squares: Vector = np.sum(residuals[:poses][count > 0] ** 2, axis=1) / count[count > 0]
     return np.maximum(squares, least)
 
@@ -281,14 +294,15 @@ def _by_session(data: Measurements) -> Iterator[Rows]:
 
 
 def _folds(data: Measurements, folds: int, rng: np.random.Generator) -> list[Rows]:
-    """The poses that each fold holds out: dealt at random, session by session, so that every fold has its share of each."""
-    if not 2 <= folds <= len(data):
-        raise UsageError(f"the number of folds must lie between 2 and the number of poses, {len(data)}; found {folds}")
-    lone = [session for session in data.session_names if np.count_nonzero(data.sessions == session) < 2]
+    """The rows that each fold holds out: poses dealt at random, session by session, so that every fold has its share of each."""
+    where, first = data.configuration_of, first_rows(data.configuration_of)
+    if not 2 <= folds <= len(first):
+        raise UsageError(f"the number of folds must lie between 2 and the number of poses, {len(first)}; found {folds}")
+    lone = [session for session in data.session_names if np.count_nonzero(data.sessions[first] == session) < 2]
     if lone:
         raise UsageError(
             f"session '{lone[0]}' has a single pose, so its {placed_by_session(data)} is unknown when that pose is held out; "
             "leave the session out"
         )
-    order = np.concatenate([rng.permutation(np.flatnonzero(data.sessions == session)) for session in data.session_names])
-    return [np.sort(order[first::folds]) for first in range(folds)]
+    order = np.concatenate([rng.permutation(first[data.sessions[first] == session]) for session in data.session_names])
+    return [np.flatnonzero(np.isin(where, where[order[fold::folds]])) for fold in range(folds)]

@@ -92,7 +92,7 @@ def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: No
     held = {**errors.held, **dict(zip(errors.names, x.tolist(), strict=True))}
     there = with_places(replace(errors, parameters=parameters, held=held), data)
     prior = Belief.independent(there.mean, there.sigma)
-    found = iterated_schedule(problem_of(there, data, noise).linearise, prior, replace(noise, stated=True))
+    found = iterated_schedule(problem_of(there, data, noise).linearise, prior, noise.hold())
     return there, found.belief.x
 
 

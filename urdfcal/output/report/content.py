@@ -69,7 +69,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
         Section("provenance", "Where this comes from", (provenance_table(calibration, command),)),
     ]
     data = calibration.data
-    subtitle = f"{len(data)} poses with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
+    subtitle = f"{data.counted} with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     shown = tuple(each for each in sections if each.blocks)
     return Report(title, subtitle, opening_of(calibration, found), shown, tuple(sets), tuple(found))

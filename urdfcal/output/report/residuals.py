@@ -172,7 +172,7 @@ def _noise_for(calibration: FitResult, data: Measurements) -> Noise:
     noise = calibration.estimate.noise
     known = dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True))
     start = zip(data.kinds, start_sigma(data).tolist(), strict=True)
-    return replace(noise, sigma=np.array([known.get(kind, sigma) for kind, sigma in start]), stated=True)
+    return replace(noise, sigma=np.array([known.get(kind, sigma) for kind, sigma in start]), stated=True, common=1.0)
 
 
 def _size(residual: Matrix) -> Vector:

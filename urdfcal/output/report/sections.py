@@ -141,7 +141,7 @@ def prior_text(sigma: float, unit: str) -> str:
 
 
 def _data_rows(label: str, data: Measurements) -> list[tuple[str, str]]:
-    rows = [(label, f"{data.source or 'from memory'}, {count_of(len(data), 'pose')}, {data.summary}")]
+    rows = [(label, f"{data.source or 'from memory'}, {data.counted}, {data.summary}")]
     return [*rows, (f"{label}' sha256", data.sha256)] if data.sha256 else rows
 
 

@@ -71,7 +71,7 @@ def _verdict(check: Check) -> str:
     count, seen, decided = len(check.errors.names), check.observability.rank, check.predicted.rank
     what = "spots" if check.data.only_spots else "measurements"
     return (
-        f"{check.robot.name}: {parameters_in_words(check.errors)}, {len(check.data)} poses with {check.data.summary}\n"
+        f"{check.robot.name}: {parameters_in_words(check.errors)}, {check.data.counted} with {check.data.summary}\n"
         f"the {what} move with {seen} of {count} directions; with {assumed_noise(check.data, check.noise)} a fit would determine {decided}"
     )
 

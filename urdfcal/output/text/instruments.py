@@ -25,8 +25,20 @@ def noise_in_words(calibration: FitResult) -> str:
         if len(data.kinds) > 1 and not any(reading.seen.any() for reading in data.readings if reading.noise == kind):
             continue
         sigma = WORDS[kind].told(calibration.estimate.noise.sigma[index])
-        by_source.setdefault(_source(calibration, kind, index), []).append(f"{WORDS[kind].noise} {sigma}")
+        by_source.setdefault(_source(calibration, kind, index), []).append(f"{WORDS[kind].noise} {sigma}{_shared(calibration, kind)}")
     return ", ".join(f"{', '.join(words)} ({source})" for source, words in by_source.items())
+
+
+def noise_in_common(calibration: FitResult) -> dict[str, float]:
+    """Standard deviation of what all readings of a pose have in common, by kind, [m], [rad] or [px]; empty if no pose was read twice."""
+    data, noise = calibration.data, calibration.estimate.noise
+    return dict(zip(data.kinds, noise.sigma_in_common.tolist(), strict=True)) if data.again else {}
+
+
+def _shared(calibration: FitResult, kind: str) -> str:
+    """`, of which 0.4 mm is common to all readings of a pose`; empty if no pose was read twice."""
+    shared = noise_in_common(calibration)
+    return f", of which {WORDS[kind].told(shared[kind])} is common to all readings of a pose" if shared else ""
 
 
 def _source(calibration: FitResult, kind: str, index: int) -> str:

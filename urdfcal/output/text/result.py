@@ -18,7 +18,14 @@ from urdfcal.estimation.identifiability import Combination, correlated_groups
 from urdfcal.model.dh import DhRow
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
-from urdfcal.output.text.instruments import frame_entries, length_entries, noise_in_words, parameters_in_words, place_entries
+from urdfcal.output.text.instruments import (
+    frame_entries,
+    length_entries,
+    noise_in_common,
+    noise_in_words,
+    parameters_in_words,
+    place_entries,
+)
 from urdfcal.output.text.outliers import outlier_blocks
 from urdfcal.output.text.verdict import verdict_blocks
 
@@ -195,6 +202,8 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "estimator": calibration.estimator,
         "spot_sigma_mm": None if spot_noise is None else spot_noise / MM,
         "noise": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
+        "poses": {"count": calibration.data.pose_count, "readings": len(calibration.data)},
+        "noise_in_common": noise_in_common(calibration),
         "frames": frame_entries(calibration),
         "places": place_entries(calibration),
         "lengths": length_entries(calibration),
@@ -230,7 +239,7 @@ def _headline(calibration: FitResult) -> str:
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
-        f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {len(data)} poses with {data.summary}\n"
+        f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {data.counted} with {data.summary}\n"
         f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
         f"{noise_in_words(calibration)}, chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
