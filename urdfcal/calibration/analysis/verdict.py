@@ -35,7 +35,6 @@ _ORDER: tuple[Use, ...] = ("yes", "reservations", "no")
 _FIFTH = 0.2  # of the chi-squared that was stated
 _FAR, _FARTHER = 1.5, 3.0  # times what is predicted of poses that were not fitted
 _ROUNDING_MM = 1e-3  # below it nothing is worse than anything else
-_SAME_POSE = 1e-5  # [rad] or [m] between joint positions of one pose
 _CHANCE = 3.0  # standard deviations that are allowed for a few test readings
 
 
@@ -143,15 +142,11 @@ def _rejected(judged: Judged) -> Iterator[Finding]:
 
 
 def _few_numbers(judged: Judged) -> Iterator[Finding]:
-    """Fewer numbers than unknowns, copies of a pose left aside: whatever comes out is the priors'."""
-    data, unknown = judged.found.data, len(judged.found.errors.names)
-    _, first = np.unique(np.round(data.q / _SAME_POSE), axis=0, return_index=True)
-    poses = data.subset(np.sort(first))
-    read = poses.numbers + len(data.lengths)
-    if read < unknown:
-        where = "1 pose" if len(first) == 1 else f"{len(first)} poses"
-        again = "" if len(first) == len(data) else f" (taken {len(data)} times in all)"
-        yield Finding("no", f"{read} numbers were read at {where}{again}, fewer than the {unknown} unknowns")
+    """Fewer numbers than unknowns, readings of one pose counted once: whatever comes out is the priors'."""
+    data, errors = judged.found.data, judged.found.errors
+    read = data.numbers + len(data.lengths) + len(errors.known_rows)
+    if read < len(errors.names):
+        yield Finding("no", f"{read} numbers were read at {data.counted}, fewer than the {len(errors.names)} unknowns")
 
 
 def _stated_noise(judged: Judged) -> Iterator[Finding]:
