@@ -45,9 +45,9 @@ class Linearisation:
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
         blocks: Which numbers are one observation, and whose noise they have; one noise for all if empty.
         lost: Which observations were made and are out of the sensor's reach in the model, (n, blocks); none if it is None.
-        known: How many rows at the end are no readings, but what is known beforehand.
         poses: Index of the pose that each row is a reading of, (n,), without gaps; None where every row is a pose of its own.
         root: Root of the weight that each number has among those of its pose, (n, m), by which its row was scaled; None for 1.
+        known: How many rows at the end are no readings, but what is known beforehand.
     """
 
     residual: Matrix
@@ -57,9 +57,9 @@ class Linearisation:
     stated_sigma: Matrix
     blocks: tuple[Block, ...] = ()
     lost: Mask | None = None
-    known: int = 0
     poses: Kinds | None = None
     root: Matrix | None = None
+    known: int = 0
 
     @cached_property
     def trouble(self) -> str:
