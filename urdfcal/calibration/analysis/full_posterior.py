@@ -156,7 +156,8 @@ def _widened(found: FitResult) -> tuple[ErrorModel, Vector]:
 
 def _has_fixed(slot: Slot, errors: ErrorModel) -> bool:
     """Whether the user said that some of a joint's errors are known."""
-    return any(f"{slot.label}.{name}" not in (*errors.names, *errors.carried) for name in slot.names if name not in slot.spare)
+    usual = [name for name in slot.names if name not in (*slot.spare, *slot.last)]
+    return any(f"{slot.label}.{name}" not in (*errors.names, *errors.carried) for name in usual)
 
 
 def _carried(errors: ErrorModel) -> Iterator[Parameter]:
