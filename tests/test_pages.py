@@ -17,6 +17,7 @@ from urdfcal.calibration.rig_file import read_rig_file
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
 from urdfcal.vision.camera.markers import read_screen_markers
+from urdfcal.vision.render import usual_camera
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "robots" / "README.md", ROOT / "CONTRIBUTING.md"]
 FENCED = re.compile(r"^ *```([^\n]*)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
@@ -38,6 +39,13 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "robots").symlink_to(ROOT / "robots")
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def half_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The camera that `render` places has half of its pixels along each side: enough to see most spots."""
+    monkeypatch.setattr(usual_camera, "_SIZE", (800, 600))
+    monkeypatch.setattr(usual_camera, "_FOCAL", 750.0)
 
 
 @pytest.mark.parametrize("block", blocks("python"))
@@ -75,7 +83,7 @@ def test_the_screen_block_is_taken(block: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", [block for block in blocks("bash") if "# install and" not in str(block)])
-@pytest.mark.usefixtures("small_pictures")
+@pytest.mark.usefixtures("half_size")
 def test_shell_blocks_run(block: str, checkout: Path, run_cli: Callable[..., CliResult]) -> None:
     """Lines of commands run one after the other, as from simulated poses to pictures, spots and a calibrated URDF."""
     for line in block.splitlines():
