@@ -142,6 +142,22 @@ def test_views_that_are_less_sharp_are_kept_and_weigh_less() -> None:
     assert np.median(gained) > 1.1
 
 
+def test_sigmas_hold_where_corners_of_a_view_are_off_together() -> None:
+    """Views that are bent by 0.15 px each in its own way: the squared error is what the widened covariance says, and is not without."""
+    truth, widened, bare = true_camera(), [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        u = BOARD.points[:, :2] / BOARD.points[:, :2].max(axis=0) * 2 - 1
+        fields = np.column_stack([u[:, 0] ** 2, u[:, 1] ** 2, u[:, 0] * u[:, 1], u[:, 0] ** 3, u[:, 1] ** 3])
+        views = [replace(view, pixels=view.pixels + fields @ rng.normal(0, 0.15, (5, 2))) for view in simulated_views(truth, 15, 0.05, rng)]
+        fit = calibrate_lens(views, truth.size, "plain")
+        off = numbers_of(fit.camera) - numbers_of(truth)
+        widened.append(off @ np.linalg.solve(fit.camera.lens_covariance, off) / len(off))
+        bare.append(widened[-1] * fit.excess)
+    assert 0.3 < np.mean(widened) < 2.0, widened
+    assert np.mean(bare) > 3
+
+
 def test_the_weighed_optimum_is_scipys() -> None:
     """A general optimiser over lens and poses, each view's residual over its own noise, ends at the same lens."""
     from scipy.optimize import least_squares

@@ -81,6 +81,13 @@ def test_a_mistake_is_named(robots: dict[str, Robot], words: str, name: str, out
     assert "\n" not in line
 
 
+def test_a_joint_that_is_counted_from_the_horizontal_is_named(robots: dict[str, Robot]) -> None:
+    """Spots of an arm whose controller reads its third joint less the second."""
+    model, _ = measured(robots["ur5"], 3, 0.3, 0.0, seed=1)
+    line = said(model, lambda data: replace(data, q=data.q - data.q[:, [1]] * (np.arange(6) == 2)))
+    assert f"with {model.data.joints[1]} added to {model.data.joints[2]}" in line
+
+
 @pytest.mark.parametrize(("mm", "deg", "outliers"), [(0.3, 0.05, 0.0), (10, 1, 0.0), (10, 1, 0.2)])
 @pytest.mark.parametrize("name", ["panda", "arm7", "arm4"])
 def test_healthy_data_are_left_alone(robots: dict[str, Robot], name: str, mm: float, deg: float, outliers: float) -> None:

@@ -8,6 +8,15 @@ lens and by the pose, and w_v = 1 / s_v^2, a step for the lens, poses eliminated
 and S^-1 is its covariance. A view's variance s_v^2 = (|r_v|^2 + PRIOR s^2) / (f_v + PRIOR), with f_v its degrees of freedom and s^2 that of
 all views, so that a few corners do not make a view look better than it can be. Views have variances of their own where that makes the
 data more probable by more than their number costs (BIC); else one variance is for all.
+
+Corners of a view may be off together: the board is not flat, the lens is not quite the model's. Then views disagree on the lens by more
+than their corners scatter, and S^-1 is too small. Without view v the lens would be at d_v = -(S - S_v)^-1 g_v from where it is, with g_v
+the view's part of the gradient, which were its corners off one by one had the covariance C_v = (S - S_v)^-1 S_v S^-1; so
+
+    excess = sum_v d_v' S d_v / sum_v tr(S C_v)     (a jackknife over views, exact for independent corners)
+
+is 1 on average for corners that are off one by one. Where it is above 1 by more than chance, variances are multiplied by it, or by the
+like ratio of the one number of the lens where that is larger.
 """
 
 from __future__ import annotations
@@ -25,6 +34,7 @@ from urdfcal.vision.camera.boards import BoardView
 
 DECISIVE = 6.0  # of BIC (Kass and Raftery 1995: "strong")
 PRIOR = 10.0  # numbers that a view's variance is drawn to that of all views by
+CHANCE = 1.0  # standard deviations by which views must disagree for it to be believed
 _SWEEPS, _HALVINGS, _STILL = 30, 8, 1e-9
 _POSE = 6
 
@@ -98,6 +108,28 @@ class _Look:
 def covariance_of(bundle: Bundle, looks: Sequence[_Look]) -> Matrix:
     """Of the lens, the poses eliminated, (k, k)."""
     return _inverse(_information(looks, bundle.variances))
+
+
+def excess_between_views(bundle: Bundle, looks: Sequence[_Look]) -> Vector:
+    """How many times farther the views' lenses lie apart, squared, than their corners' scatter explains, (k,); 1 where that is chance.
+
+    For each number of the lens its own, and no less than that of all of them together.
+    """
+    P, S = covariance_of(bundle, looks), _information(looks, bundle.variances)
+    apart, scatter, found, expected, variance = np.zeros(len(P)), np.zeros(len(P)), 0.0, 0.0, 0.0
+    for look, own in zip(looks, bundle.variances, strict=True):
+        S_v = look.followed.T @ look.followed / own
+        without = _inverse(S - S_v)
+        d, C_v = without @ (look.followed.T @ look.residual) / own, without @ S_v @ P
+        apart, scatter = apart + d**2, scatter + np.diag(C_v)
+        found, expected, variance = found + float(d @ S @ d), expected + _trace(S @ C_v), variance + 2 * _trace(S @ C_v @ S @ C_v)
+    if not expected > 0 or found <= expected + CHANCE * np.sqrt(variance):
+        return np.ones(len(P))
+    return np.maximum(apart / scatter, found / expected)
+
+
+def _trace(matrix: Matrix) -> float:
+    return float(np.trace(matrix))
 
 
 def with_variances(bundle: Bundle) -> Bundle:

@@ -21,7 +21,7 @@ from urdfcal.base.geometry import SE3, Vector
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens
 from urdfcal.vision.camera.boards import BoardView
-from urdfcal.vision.camera.bundle import DECISIVE, Bundle, bic_of, covariance_of, with_variances
+from urdfcal.vision.camera.bundle import DECISIVE, Bundle, bic_of, covariance_of, excess_between_views, with_variances
 
 FEWEST = 3  # views
 OUTLIER, LEAST_WRONG_PX = 6.0, 0.5
@@ -40,6 +40,7 @@ class LensFit:
         view_rms: RMS distance of each view's corners, [px].
         dropped: Views that did not fit, with their RMS when they were left out, [px].
         bic: By lens model, for those that were tried.
+        excess: How many times more, squared, views disagree on the lens than their corners scatter; its covariance is widened for it.
     """
 
     camera: Camera
@@ -48,6 +49,7 @@ class LensFit:
     view_rms: Vector
     dropped: tuple[tuple[str, float], ...]
     bic: dict[str, float]
+    excess: float = 1.0
 
 
 def calibrate_lens(views: Sequence[BoardView], size: tuple[int, int], lens: Lens | None = None) -> LensFit:
@@ -130,9 +132,10 @@ def _judged(bundle: Bundle, size: tuple[int, int]) -> LensFit:
     looks = bundle.looks()
     squares = [(look.residual.reshape(-1, 2) ** 2).sum(axis=1) for look in looks]
     rms, view_rms = np.sqrt(np.concatenate(squares).mean()), np.array([np.sqrt(square.mean()) for square in squares])
-    covariance = covariance_of(bundle, looks)
+    excess = excess_between_views(bundle, looks)
+    covariance = np.sqrt(np.outer(excess, excess)) * covariance_of(bundle, looks)
     camera = Camera(size, bundle.matrix, bundle.distortion, bundle.lens, rms=float(rms), lens_covariance=covariance)
-    return LensFit(camera, bundle.views, bundle.poses, view_rms, (), {bundle.lens: bic_of(bundle, looks)})
+    return LensFit(camera, bundle.views, bundle.poses, view_rms, (), {bundle.lens: bic_of(bundle, looks)}, float(excess.min()))
 
 
 def _require_sense(fit: LensFit) -> None:

@@ -23,6 +23,7 @@ LEAST_COVERED = 0.6
 FEW_VIEWS = 8
 LOOSE_FOCAL = 0.01
 WEAK_SCREEN_MM = 5.0
+WORTH_A_WORD = 2.0  # of excess, squared
 
 
 def coverage(fit: LensFit) -> tuple[float, float]:
@@ -40,6 +41,11 @@ def lens_warnings(fit: LensFit) -> list[str]:
         f"{name}: left out, its corners are {rms:.2f} px off (RMS), more than {OUTLIER:g} times the views' median"
         for name, rms in fit.dropped
     ]
+    if fit.excess > WORTH_A_WORD:
+        warnings.append(
+            f"the views disagree on the lens {np.sqrt(fit.excess):.1f} times as much as their corners scatter, and its sigmas are wider "
+            "for it; is the board flat, and stiff?"
+        )
     if len(fit.views) < FEW_VIEWS:
         warnings.append(f"only {len(fit.views)} views; 10 to 20 give a lens that can be relied upon")
     if hull < LEAST_COVERED:
