@@ -97,10 +97,8 @@ def worst_poses(found: FitResult) -> tuple[str, ...]:
     after, before = (float(np.max(distances, initial=0.0)) for distances in pose_distances(found))
     if not after > before + ROUNDING:
         return ()
-    unit = main_unit(found.after)
-    return (
-        f"the worst of the {SETS[judged_set(found)]} poses is {after:.3g} {unit} off, with the nominal robot the worst is {before:.3g} {unit}",
-    )
+    unit, kind = main_unit(found.after), SETS[judged_set(found)]
+    return (f"the worst of the {kind} poses is {after:.3g} {unit} off, with the nominal robot the worst is {before:.3g} {unit}",)
 
 
 def worse_somewhere(found: FitResult) -> tuple[str, ...]:
