@@ -29,7 +29,8 @@ from tests.benchmarks.real_robots import ROBOTS, repeatable_splits
 from tests.support.sagging import SaggingArm, sagging_arm
 from urdfcal.api import Calibration
 from urdfcal.base.geometry import MM, Mask
-from urdfcal.calibration.analysis.concerns import objections, pose_distances, reservations
+from urdfcal.calibration.analysis.clusters import pose_distances
+from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem

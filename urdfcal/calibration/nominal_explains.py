@@ -1,10 +1,10 @@
 """Readings that the nominal robot explains better than the calibrated one: no outliers, the calibration is wrong there.
 
-Where outliers lie together (`together.py`), being nearer to the nominal robot is enough. Scattered ones may be nearer to it by chance:
-a bad reading is off in any direction. Seen from where the calibrated robot has it, the nominal robot's prediction lies in a direction
-of its own, and chance points a bad reading of m numbers as near to it as the angle t with probability 1/2 I(sin^2 t; (m-1)/2, 1/2)
-(the share of a sphere's cap; I is the regularised incomplete beta function). In both cases the nominal robot must explain the reading
-as it does others: what is far from both was read badly.
+Where outliers lie together (`together.py`) and the nominal robot explains most of them better, and as well as it does other readings,
+those are none. A scattered one may be nearer to it by chance: a bad reading is off in any direction. Seen from where the calibrated
+robot has it, the nominal robot's prediction lies in a direction of its own, and chance points a bad reading of m numbers as near to it
+as the angle t with probability 1/2 I(sin^2 t; (m-1)/2, 1/2) (the share of a sphere's cap; I is the regularised incomplete beta
+function). It is none where that is no chance, and the nominal robot has it where it was read.
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ import numpy as np
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.estimation.robust import ordinary
+from urdfcal.estimation.robust import ordinary, within_noise
 
+_MOST = 0.75  # share of outliers that lie together that the nominal robot must explain
 _BY_CHANCE = 0.01  # how often any of the scattered outliers may be taken for one that the nominal robot explains
 
 
@@ -60,15 +61,15 @@ def explained_by_nominal(calibrated: Linearisation, nominal: Linearisation, nois
         out: What was taken for outliers, (n, blocks).
         together: Whether those lie together.
     """
-    out = (
-        out
-        & ~_lost(calibrated)
-        & ~_lost(nominal)
-        & ordinary(nominal, replace(noise, joint_sigma=np.zeros_like(noise.joint_sigma)), kept=~out)
-    )
-    compared = _compare(calibrated, nominal, noise, out)
-    back = compared.better if together else compared.better & _pointed(compared)
-    return np.asarray(out & back[:, None])
+    read, outliers = out & ~_lost(calibrated) & ~_lost(nominal), np.count_nonzero(out.any(axis=1))
+    of_sensors = replace(noise, joint_sigma=np.zeros_like(noise.joint_sigma))
+    usual = read & (ordinary(nominal, of_sensors, kept=~out) if together else within_noise(nominal, of_sensors))
+    compared = _compare(calibrated, nominal, noise, usual)
+    if together:
+        back = compared.better & (np.count_nonzero(compared.better) >= _MOST * outliers)
+    else:
+        back = compared.better & (compared.chance * outliers < _BY_CHANCE)
+    return np.asarray(usual & back[:, None])
 
 
 def _lost(linearisation: Linearisation) -> Mask:
@@ -86,8 +87,3 @@ def _compare(calibrated: Linearisation, nominal: Linearisation, noise: Noise, ou
 
 def _length(rows: Matrix) -> Vector:
     return np.asarray(np.linalg.norm(rows, axis=1))
-
-
-def _pointed(compared: _Compared) -> Mask:
-    """Which poses point to the nominal robot beyond chance, as many as there are."""
-    return np.asarray(compared.chance * np.count_nonzero(compared.numbers) < _BY_CHANCE)

@@ -321,6 +321,11 @@ def conceivable(observed: Observations, found: Estimate) -> Mask:
     return np.asarray(met & ~(mahalanobis_squared(linearisation, found.noise, found.belief.P) > _limits(linearisation)))
 
 
+def within_noise(linearisation: Linearisation, noise: Noise) -> Mask:
+    """Which observations noise alone could have put where they are, (n, blocks)."""
+    return np.asarray(~(mahalanobis_squared(linearisation, noise) > _limits(linearisation)))
+
+
 def ordinary(linearisation: Linearisation, noise: Noise, kept: Mask) -> Mask:
     """Which observations lie no farther off than chance puts them at the scale of the bulk of those that were kept, (n, blocks)."""
     d2 = mahalanobis_squared(linearisation, noise)

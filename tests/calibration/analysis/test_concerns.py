@@ -11,15 +11,14 @@ import urdfcal
 from tests.benchmarks.outliers import with_outliers
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import MM, Mask
+from urdfcal.calibration.analysis.clusters import pose_distances, worst_cluster
 from urdfcal.calibration.analysis.concerns import (
     left_out_share,
     lost_motion,
     many_outliers,
     objections,
     outliers_together,
-    pose_distances,
     reservations,
-    worst_cluster,
     worst_poses,
 )
 from urdfcal.calibration.analysis.validation import kfold

@@ -206,8 +206,8 @@ def _left_out(heading: str, outliers: Sequence[Outlier], data: Measurements, sou
     if not outliers:
         return []
     rows = [group.cells() for group in outlier_groups(outliers)]
-    named: tuple[tuple[Cell, ...], ...] = tuple((name, why, short_pose(pose, data.source), *figures) for name, why, *figures, pose in rows)
-    columns = (source, COLUMNS[0], COLUMNS[-1], *COLUMNS[1:-1])
+    named: tuple[tuple[Cell, ...], ...] = tuple((short_pose(pose, data.source), name, why, *figures) for name, why, *figures, pose in rows)
+    columns = (COLUMNS[-1], source, COLUMNS[0], *COLUMNS[1:-1])
     return [f"{heading}; the report as .json names each.", Table(columns, named, words=3)]
 
 
