@@ -26,7 +26,7 @@ from urdfcal.calibration.start.begin import has_spots_in_metres
 Use = Literal["yes", "reservations", "no"]
 SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
 
-LIKELY, CLEARLY, SURELY = 0.8, 0.97, 0.99  # probabilities of being better than the nominal robot
+LIKELY, CLEARLY, SURELY = 0.9, 0.97, 0.99  # probabilities of being better than the nominal robot
 _CLEAR = 0.9  # share of the nominal robot's error, from which what is predicted is not clearly below it
 _HALF = 0.5  # share of the nominal robot's error, beyond which calibration brought little
 _GOOD = 1 / 3  # share of the nominal robot's error that makes a good calibration
