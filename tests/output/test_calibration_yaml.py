@@ -171,7 +171,7 @@ def test_what_is_no_calibration_is_refused(case: str, tmp_path: Path) -> None:
 def test_apply_gives_the_robot_that_fit_wrote(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     """simulate, fit and apply on the command line: the applied URDF has the fitted placements, and says so of a second time."""
     (tmp_path / "small.urdf").write_text(URDF)
-    assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--poses", "20", "--errors", "1mm,0.1deg")[0] == 0
+    assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--poses", "20", "--errors", "5mm,0.5deg")[0] == 0
     assert run_cli("fit", "small.urdf", "m.csv", "--error-model", "placement")[0] == 0
     assert run_cli("apply", "small.urdf", "small_calibration.yaml", "-o", "again.urdf")[0] == 0
     fitted, again = load_robot("small_calibrated.urdf").tree.joints, load_robot("again.urdf").tree.joints

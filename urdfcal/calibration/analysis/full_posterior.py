@@ -11,11 +11,12 @@ calibrated robot is off by A (z - x) there, and the nominal one by A z.
 
 How large the joints' errors usually are decides what the data's blind side may hold, and priors that are wide enough for any robot
 say little of this one. Unless it was stated, the scale of each group g of errors is what makes the data most probable (MacKay's fixed
-point, as in `evidence.py`), with the prior as a start that counts for a little,
+point, as in `evidence.py`),
 
-    scale_g^2 = (sum of mean_i^2 + nu prior_g^2) / (gamma_g + nu),    gamma_g = sum of (1 - P_ii / scale_g^2)
+    scale_g^2 = (sum of mean_i^2 + nu c prior_g^2) / (gamma_g + nu),    gamma_g = sum of (1 - P_ii / scale_g^2)
 
-so that few data leave the prior, and many replace it.
+where c says how much smaller than their priors all of them are together, found in the same way. So a group that the data do not see
+is as small as those that they see, and data that see nothing leave the priors.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from urdfcal.model.slots import Slot, slots_of
 from urdfcal.robot.rig import SIX
 
 _SCALED = ("translation", "rotation", "zero")
-_NU = 0.01  # how many errors' worth the prior's own scale counts
+_NU, _NU_ALL = 0.3, 0.01  # how many errors' worth count: for a group what all of them are like, for all of them the prior
 _ROUNDS = 40
 _TOO_LOW = 0.1  # how often the noise may be larger than is assumed of a few readings
 _ALONG = 0.8  # cosine from which a rotation is one about the joint's axis
@@ -106,9 +107,11 @@ def _with_likely_scales(errors: ErrorModel, H: Matrix, y: Vector, found: FitResu
     for _ in range(_ROUNDS):
         P = covariance(information, sigma)
         mean, variances = P @ gradient, np.diag(P)
-        for own, prior in free:
-            known = float(np.sum(1 - variances[own] / sigma[own] ** 2))
-            sigma[own] = np.sqrt((np.sum(mean[own] ** 2) + _NU * prior**2) / (known + _NU))
+        gamma = [float(np.sum(1 - variances[own] / sigma[own] ** 2)) for own, _ in free]
+        size = sum(float(np.sum(mean[own] ** 2)) / prior**2 for own, prior in free)
+        common = (size + _NU_ALL) / (sum(gamma) + _NU_ALL)
+        for (own, prior), known in zip(free, gamma, strict=True):
+            sigma[own] = np.sqrt((np.sum(mean[own] ** 2) + _NU * common * prior**2) / (known + _NU))
     return errors.with_prior(replace(errors.prior(), sigma=sigma))
 
 

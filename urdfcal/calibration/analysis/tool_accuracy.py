@@ -100,6 +100,7 @@ class ToolAccuracy:
         base: The link relative to which it is taken: the one on which the first calibrated joint hangs.
         in_base: Of the link itself.
         up_to_constant: What is left of it when a constant placement of the base and one of the tool on the link are taken out.
+        turning: The same of the link's orientation, up to a constant turn of base and tool, [rad].
         base_shift, base_turn: What the constant of the base may be: standard deviations of its distance [m] and angle [rad].
         tool_shift: The same of the constant shift of the tool, [m].
         posterior: What the data leave of every error.
@@ -110,6 +111,7 @@ class ToolAccuracy:
     base: str
     in_base: Gain
     up_to_constant: Gain
+    turning: Gain
     base_shift: float
     base_turn: float
     tool_shift: float
@@ -158,6 +160,7 @@ def tool_accuracy(robot: Robot, posterior: FullPosterior, link: str, rng: np.ran
         base=base_link(robot, link, far),
         in_base=Gain.of(moved.whole, posterior),
         up_to_constant=Gain.of(moved.apart, posterior),
+        turning=Gain.of(moved.turned_apart, posterior),
         base_shift=_size(constant[:3], posterior),
         base_turn=_size(constant[3:6], posterior),
         tool_shift=_size(constant[6:], posterior),
@@ -179,21 +182,32 @@ def motion_up_to_constants(
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """Motion of a link per unit of every error, whole and without what constants explain (n, 3, p), and the constants (9, p)."""
+    """Motion of a link per unit of every error, whole and without what constants explain (n, 3, p), and the constants (9, p).
+
+    `turned_apart` is its rotation without what constant turns explain.
+    """
 
     whole: Array3
     apart: Array3
     constant: Matrix
+    turned_apart: Array3
 
 
 def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Matrix, rng: np.random.Generator, far: bool) -> _Moved:
     base, (lower, upper) = base_link(robot, link, far), joint_limits(robot, measured)
     q = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
     turned, placed, axes = _places(_corrected(robot, errors, x), robot, base, link, q)
-    A = turned @ tool_jacobian(robot, errors, x, link, q, far)[:, :3]
-    G = np.concatenate([np.broadcast_to(np.eye(3), axes.shape), -skew(placed), axes], axis=2).reshape(-1, 9)
-    constant = np.linalg.pinv(G, rcond=_SAME) @ A.reshape(-1, A.shape[2])
-    return _Moved(A, A - (G @ constant).reshape(A.shape), constant)
+    jacobian = tool_jacobian(robot, errors, x, link, q, far)
+    still = np.broadcast_to(np.eye(3), axes.shape)
+    whole, turning = turned @ jacobian[:, :3], turned @ jacobian[:, 3:]
+    apart, constant = _without(whole, np.concatenate([still, -skew(placed), axes], axis=2))
+    return _Moved(whole, apart, constant, _without(turning, np.concatenate([still, axes], axis=2))[0])
+
+
+def _without(A: Array3, G: Array3) -> tuple[Array3, Matrix]:
+    """Motion A (n, 3, p) without what constants that move by G (n, 3, k) explain of it, and what those constants are (k, p)."""
+    constant = np.linalg.pinv(G.reshape(-1, G.shape[2]), rcond=_SAME) @ A.reshape(-1, A.shape[2])
+    return A - G @ constant, constant
 
 
 def _size(rows: Matrix, posterior: FullPosterior) -> float:
@@ -225,7 +239,7 @@ def _corrected(robot: Robot, errors: ErrorModel, x: Vector) -> Any:
 def _places(model: Any, robot: Robot, base: str, link: str, q: Matrix) -> tuple[Array3, Matrix, Array3]:
     """Axes of the chain's own base in the base link (n, 3, 3), origin (n, 3) and axes (n, 3, 3) of the link in it."""
     data = model.createData()
-    root, own, tool = (model.getFrameId(name) for name in (base, robot.rig.base, link))
+    root, own, tool = (model.getFrameId(name, pin.BODY) for name in (base, robot.rig.base, link))
     turned, placed, axes = np.empty((len(q), 3, 3)), np.empty((len(q), 3)), np.empty((len(q), 3, 3))
     for pose, configuration in enumerate(whole_configurations(robot, q)):
         pin.framesForwardKinematics(model, data, configuration)

@@ -176,6 +176,9 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
         (f"{tool.link} up to a constant", tool.up_to_constant, CLEARLY),
     ]
     cases += [("the spots", judged.spots, CLEARLY)] if judged.spots is not None else []
+    if all(reading.kind.words.unit == "deg" for reading in judged.found.data.readings):
+        yield from _turns_better(tool)
+        return
     for what, gain, least in cases:
         off, nominal = _mm(gain.after.rms), _mm(gain.before.rms)
         if not (gain.better >= least and gain.left < _CLEAR):
@@ -185,6 +188,18 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
     if tool.up_to_constant.left > _HALF:
         off, nominal = _mm(tool.up_to_constant.after.rms), _mm(tool.up_to_constant.before.rms)
         yield Finding("reservations", f"{tool.link} is predicted {off} off up to a constant, much of the nominal robot's {nominal}")
+
+
+def _turns_better(tool: ToolAccuracy) -> Iterator[Finding]:
+    """Of a link that was seen to turn and never to move: angles tell no lengths."""
+    gain, mrad = tool.turning, 1e-3
+    if not (gain.better >= CLEARLY and gain.left < _CLEAR):
+        off, nominal = gain.after.rms / mrad, gain.before.rms / mrad
+        yield Finding("no", f"{tool.link}: predicted {off:.2g} mrad off, which is not clearly below the nominal robot's {nominal:.2g} mrad")
+    else:
+        yield Finding(
+            "reservations", f"angles alone tell no lengths: {tool.link} stays {_mm(tool.in_base.after.rms)} off in the base frame"
+        )
 
 
 def _tested(judged: Judged) -> Iterator[Finding]:
