@@ -220,3 +220,20 @@ def test_evaluate_says_which_beams_miss(run_cli: Run, tmp_path: Path) -> None:
     (tmp_path / "away.csv").write_text("\n".join([*lines[:4], ",".join(cells), *lines[5:]]))
     done = run_cli("evaluate", ARM7, "away.csv")
     assert "away.csv:5: laser_1 was seen, but in this robot its beam does not meet the screen" in done.err
+
+
+def test_an_error_of_ours_is_one_line(run_cli: Callable[..., CliResult], monkeypatch: pytest.MonkeyPatch) -> None:
+    """What we did not foresee is told in a line with its place, exit code 70, and writes nothing; --verbose adds the traceback."""
+    from urdfcal.calibration import fitting
+
+    def broken(*_: object) -> None:
+        raise IndexError("beyond\nthe end")
+
+    monkeypatch.setattr(fitting, "fit_and_test", broken)
+    words = ("fit", ROBOTS_DIR / "arm7/arm7.urdf.xacro", ROBOTS_DIR / "arm7/measurements.csv")
+    done = run_cli(*words)
+    assert done.code == 70
+    assert done.err.count("\n") == 1
+    assert "an error of ours, nothing was written: IndexError: beyond the end (test_main.py:" in done.err
+    assert "please report it" in done.err
+    assert "Traceback" in run_cli(*words, "-v").err

@@ -178,7 +178,7 @@ def fit(
     from urdfcal.cli.fit_outputs import planned, sag_wish
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
-    from urdfcal.output.text.sag import sag_blocks, sag_json
+    from urdfcal.output.text.sag import pair_words, sag_blocks, sag_json
     from urdfcal.sensors.measurements import in_pixels
 
     def rng() -> np.random.Generator:
@@ -236,14 +236,14 @@ def fit(
     bent = wish.of(calibration)
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if not force:
-        calibration.require_trustworthy()  # no folds for what is of no use anyway
+        calibration.verdict.require_usable(pair_words(bent))  # no folds for what is of no use anyway
     if kfold is not None:
         calibration = replace(calibration, folds=cross_validate(arm, data, kfold, rng(), **how))
     verdict = calibration.verdict
     if force:
         warn([f"--force: {reason}" for reason in verdict.reasons if verdict.use == "no"], quiet)
     else:
-        verdict.require_usable()
+        verdict.require_usable(pair_words(bent))
     extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
     files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import os
 import sys
+import traceback
 from functools import cache
+from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
@@ -72,8 +74,20 @@ def main() -> NoReturn:
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own usage errors
             _fail(" ".join(error.format_message().split()), 2)
-        raise
+        _fail(_ours(error), 70)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _ours(error: Exception) -> str:
+    """An error of ours in a line: what and where it is, and how to report it; with --verbose the traceback goes before it."""
+    if {"-v", "--verbose"} & set(sys.argv):
+        traceback.print_exception(error)
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    what = " ".join(f"{type(error).__name__}: {error}".split())
+    return (
+        f"an error of ours, nothing was written: {what} ({Path(frame.filename).name}:{frame.lineno}); please report it with this line, "
+        "the command and its files; --verbose shows where it came from"
+    )
 
 
 def _fail(message: str, code: int) -> NoReturn:

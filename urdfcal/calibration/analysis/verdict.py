@@ -29,6 +29,7 @@ SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, w
 
 LIKELY, CLEARLY, SURELY = 0.9, 0.97, 0.99  # probabilities of being better than the nominal robot
 _CLEAR = 0.9  # share of the nominal robot's error, from which what is predicted is not clearly below it
+_MUCH, _AS_LIKELY_AS_NOT = 0.6, 0.5
 _HALF = 0.5  # share of the nominal robot's error, beyond which calibration brought little
 _GOOD = 1 / 3  # share of the nominal robot's error that makes a good calibration
 _ORDER: tuple[Use, ...] = ("yes", "reservations", "no")
@@ -78,14 +79,17 @@ class Verdict:
         """For machines."""
         return {"use": self.use, "reasons": list(self.reasons), "advice": list(self.advice)}
 
-    def require_usable(self) -> None:
+    def require_usable(self, beside: tuple[str, ...] = ()) -> None:
         """Raise if the calibration must not be used.
+
+        Args:
+            beside: What else the user ought to know then.
 
         Raises:
             FitRejected: says why.
         """
         if self.use == "no":
-            raise FitRejected("; ".join((*self.reasons, *self.advice)))
+            raise FitRejected("; ".join((*self.reasons, *self.advice, *beside)))
 
 
 @dataclass(frozen=True)
@@ -181,13 +185,22 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
         return
     for what, gain, least in cases:
         off, nominal = _mm(gain.after.rms), _mm(gain.before.rms)
-        if not (gain.better >= least and gain.left < _CLEAR):
+        clear = gain.better >= least and gain.left < _CLEAR
+        if not clear and gain is tool.up_to_constant and _constants_were_wrong(judged):
+            continue  # the shape was right already, and what was wrong is a constant that the data tell
+        if not clear:
             yield Finding("no", f"{what}: predicted {off} off, which is not clearly below the nominal robot's {nominal}")
         elif gain.better < SURELY:
             yield Finding("reservations", f"{what}: predicted {off} off, the nominal robot {nominal}; {gain.better:.0%} sure to be better")
-    if tool.up_to_constant.left > _HALF:
+    if tool.up_to_constant.left > _HALF and not _constants_were_wrong(judged):
         off, nominal = _mm(tool.up_to_constant.after.rms), _mm(tool.up_to_constant.before.rms)
         yield Finding("reservations", f"{tool.link} is predicted {off} off up to a constant, much of the nominal robot's {nominal}")
+
+
+def _constants_were_wrong(judged: Judged) -> bool:
+    """Whether the link is surely and much nearer in the base frame, and as likely as not no farther up to a constant."""
+    whole, apart = judged.tool.in_base, judged.tool.up_to_constant
+    return whole.better >= SURELY and whole.left < _MUCH and apart.better >= _AS_LIKELY_AS_NOT
 
 
 def _turns_better(tool: ToolAccuracy) -> Iterator[Finding]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MRAD = 1e-3
 _WORTH_IT = 3.0  # of log evidence, under which sag explains nothing
+_MUCH_BETTER = 0.5  # of the held-out error, under which the pair is worth a word even where geometry alone is of no use
 _NO_GAIN = 0.99  # of the held-out error, above which it gains nothing
 
 
@@ -82,6 +83,18 @@ def sag_words(sag: SagFit) -> str:
     return (
         f"{head}: held-out poses ({left.folds}-fold{trimmed}) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
         f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
+    )
+
+
+def pair_words(sag: SagFit | None) -> tuple[str, ...]:
+    """What geometry and compensation together would bring, where geometry alone is of no use."""
+    left = sag.held_out if sag is not None else None
+    if sag is None or left is None or not worth_it(sag) or left.ratio > _MUCH_BETTER:
+        return ()
+    found = ", ".join(" ".join(row) for row in extras_rows(sag))
+    return (
+        f"a compensation beside the geometry ({found or 'sag'}) brings held-out poses from {left.geometry:.3g} to "
+        f"{left.sag:.3g} {left.unit}: --compensation FILE with --force writes that pair",
     )
 
 
