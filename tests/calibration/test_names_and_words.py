@@ -35,6 +35,7 @@ TWIN = robot_text(  # every joint has the name of the link that it carries
     links="base neck arm elbow gripper tip",
 )
 SIMULATED = ("--errors", "1mm,0.1deg", "--poses", "40", "--target-noise-mm", "0.05", "--orientation-noise-deg", "0.01")
+KNOWN = ("--reference-known", "--target-known")
 
 
 @pytest.mark.parametrize("case", [name for name, case in CASES.items() if "laser" not in case.sensors])
@@ -88,12 +89,12 @@ def test_a_reference_may_have_its_joint_s_name() -> None:
 def test_joints_and_links_of_one_name_are_told_apart(run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
     """Every format of a calibrated robot in which each joint is named like its link; offsets put the tool where differences say."""
     (tmp_path / "twin.urdf").write_text(TWIN)
-    assert run_cli("simulate", "twin.urdf", "-o", "m.csv", "--sensor", "pose:tip", *SIMULATED).code == 0
+    assert run_cli("simulate", "twin.urdf", "-o", "m.csv", "--sensor", "pose:tip", *SIMULATED, *KNOWN).code == 0
     formats = [word for name in ("urdf", "offsets", "origins-yaml") for word in ("--format", name)]
-    run = run_cli("fit", "twin.urdf", "m.csv", "--no-sag", "--tool", "tip", *formats)
+    run = run_cli("fit", "twin.urdf", "m.csv", "--no-sag", "--tool", "tip", *KNOWN, *formats)
     assert (run.code, "Traceback" in run.err) == (0, False)
     offsets = yaml.safe_load((tmp_path / "twin_offsets.yaml").read_text())
-    assert (offsets["off_from_the_whole_correction"]["tool"], set(offsets["joints"])) == ("tip", {"elbow", "gripper"})
+    assert (offsets["off_from_the_whole_correction"]["tool"], set(offsets["joints"])) == ("tip", {"arm", "elbow", "gripper"})
     rig = yaml.safe_load((tmp_path / "twin_calibration.yaml").read_text())["rig"]
     assert rig == {"reference": "base", "targets": ["tip"]}
     assert run_cli("apply", "twin.urdf", "twin_calibration.yaml", "-o", "again.urdf").code == 0

@@ -104,18 +104,18 @@ def test_a_rejected_fit_writes_nothing_unless_forced(run_cli: Run, tmp_path: Pat
 
 
 def test_what_must_not_be_used_is_not_written(run_cli: Run, tmp_path: Path) -> None:
-    """Eight poses for 33 unknowns: exit code 3 in one line; with --force terminal, reports, JSON and exit code all say the same."""
+    """Eight poses for 34 unknowns: exit code 3 in one line; with --force terminal, reports, JSON and exit code all say the same."""
     few = tmp_path / "few.csv"
     few.write_text("".join(MEASUREMENTS.read_text().splitlines(keepends=True)[:12]))
     done = run_cli("fit", ARM7, few, "-q", "--report", "r.html")
     assert (done.code, len(done.err.splitlines())) == (3, 1)
-    assert "fewer than the 33 unknowns" in done.err
+    assert "fewer than the 34 unknowns" in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["few.csv"]
     forced = run_cli("fit", ARM7, few, "-q", "--force", "--report", "r.html", "--report", "r.md", "--report", "r.json")
     assert forced.code == 3
     assert forced.out.startswith("Verdict: do not use:\n  ")
     reason = json.loads((tmp_path / "r.json").read_text())["verdict"]["reasons"][0]
-    assert "fewer than the 33 unknowns" in reason
+    assert "fewer than the 34 unknowns" in reason
     assert reason in forced.out
     for name in ("r.html", "r.md"):
         text = (tmp_path / name).read_text()

@@ -29,7 +29,7 @@ def measured(run_cli: Run, tmp_path: Path) -> Path:
     """Both robots, and measurements of the one that moves."""
     (tmp_path / "moving.urdf").write_text(MOVING)
     (tmp_path / "still.urdf").write_text(STILL)
-    assert run_cli("simulate", "moving.urdf", "-o", "m.csv", "--poses", "60", *POINT).code == 0
+    assert run_cli("simulate", "moving.urdf", "-o", "m.csv", "--poses", "60", "--errors", "5mm,0.5deg", *POINT).code == 0
     return tmp_path
 
 
@@ -56,8 +56,8 @@ def test_what_is_predicted_is_of_the_measured_range(run_cli: Run, measured: Path
     """The prediction of a robot with limits 0 0 is within a tenth of that with the limits that were measured, and the reason is said."""
     found = {}
     for robot in ("moving", "still"):
-        run = run_cli("fit", f"{robot}.urdf", "m.csv", "--tool", "tool", "--no-sag", "--json")
-        assert (run.code, SAME in run.err) == (0, robot == "still")
+        run = run_cli("fit", f"{robot}.urdf", "m.csv", "--tool", "tool", "--no-sag", "--json", "--force")
+        assert (run.code, SAME in run.err) == (3, robot == "still")  # the tool in the base frame is not what a free tracker tells
         found[robot] = list(numbers(json.loads(run.out)["tool"]))
     assert len(found["still"]) >= 3
     assert found["still"] == pytest.approx(found["moving"], rel=0.1)

@@ -29,7 +29,7 @@ def cell(run_cli: Run, tmp_path: Path) -> Path:
     """A xacro with an argument, and two files of its measurements."""
     (tmp_path / "cell.left.urdf.xacro").write_text(XACRO)
     for name, seed in (("a.csv", "1"), ("b.csv", "2")):
-        assert run_cli("simulate", "cell.left.urdf.xacro", "-o", name, "--poses", "15", "--seed", seed).code == 0
+        assert run_cli("simulate", "cell.left.urdf.xacro", "-o", name, "--poses", "15", "--errors", "5mm,0.5deg", "--seed", seed).code == 0
     return tmp_path
 
 

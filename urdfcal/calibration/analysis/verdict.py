@@ -27,7 +27,7 @@ from urdfcal.calibration.start.begin import has_spots_in_metres
 Use = Literal["yes", "reservations", "no"]
 SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
 
-LIKELY, CLEARLY, SURELY = 0.9, 0.97, 0.99  # probabilities of being better than the nominal robot
+CLEARLY, SURELY = 0.97, 0.99  # probabilities of being better than the nominal robot
 _CLEAR = 0.9  # share of the nominal robot's error, from which what is predicted is not clearly below it
 _MUCH, _AS_LIKELY_AS_NOT = 0.6, 0.5
 _HALF = 0.5  # share of the nominal robot's error, beyond which calibration brought little
@@ -172,11 +172,11 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
     """What the user cares about is not clearly nearer to the truth than with the nominal robot.
 
     Spots, and a link up to a constant, are what was measured. Where the link is in the base frame, measuring frames and targets that
-    are free do not tell: unless that very link was asked for, being likely to be better is enough, and said.
+    are free do not tell: unless that very link was asked for it is enough that it is not likely to be worse, and how likely is said.
     """
-    tool, asked = judged.tool, CLEARLY if judged.found.tool else LIKELY
+    tool, asked = judged.tool, bool(judged.found.tool)
     cases = [
-        (f"{tool.link} in the frame of {tool.base}", tool.in_base, asked),
+        (f"{tool.link} in the frame of {tool.base}", tool.in_base, CLEARLY if asked else _AS_LIKELY_AS_NOT),
         (f"{tool.link} up to a constant", tool.up_to_constant, CLEARLY),
     ]
     cases += [("the spots", judged.spots, CLEARLY)] if judged.spots is not None else []
@@ -185,7 +185,7 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
         return
     for what, gain, least in cases:
         off, nominal = _mm(gain.after.rms), _mm(gain.before.rms)
-        clear = gain.better >= least and gain.left < _CLEAR
+        clear = gain.better >= least and (gain.left < _CLEAR or (gain is tool.in_base and not asked))
         if not clear and gain is tool.up_to_constant and _constants_were_wrong(judged):
             continue  # the shape was right already, and what was wrong is a constant that the data tell
         if not clear:
