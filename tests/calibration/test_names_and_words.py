@@ -100,8 +100,8 @@ def test_joints_and_links_of_one_name_are_told_apart(run_cli: Callable[..., CliR
     assert rig == {"reference": "base", "targets": ["tip"]}
     assert run_cli("apply", "twin.urdf", "twin_calibration.yaml", "-o", "again.urdf").code == 0
     again, written = (load_robot(tmp_path / name) for name in ("again.urdf", "twin_calibrated.urdf"))
-    for name, joint in written.tree.joints.items():
-        assert_poses_close(again.tree.joints[name].origin, joint.origin)
+    for name, own in written.tree.joints.items():
+        assert_poses_close(again.tree.joints[name].origin, own.origin)
     for tip in ("tip", "gripper"):
         assert run_cli("dh", "twin.urdf", "--tip", tip, "--calibration", "twin_calibration.yaml").code == 0
 

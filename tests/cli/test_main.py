@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.conftest import CliResult
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.simulation.setup import SENSOR_KINDS
