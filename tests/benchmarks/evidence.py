@@ -61,7 +61,7 @@ def held_out(robot: Robot, seed: int, poses: int, kind: str, arms: list[np.ndarr
     rms = []
     for evidence in (False, True):
         found = fit(robot, data, evidence=evidence, gated=False)
-        predicted, _ = Problem(replace(found.errors, sessions=("",)), unseen).predict(found.x)
+        predicted = np.stack(Problem(replace(found.errors, sessions=("",)), unseen).read(found.x), axis=1)
         rms.append(float(np.sqrt(np.mean((predicted - unseen.spots) ** 2)) * 1e3))
     return rms[0], rms[1]
 

@@ -48,7 +48,7 @@ OPPOSITES |= {new: old for old, new in OPPOSITES.items()}
 def setup_of(robot: Robot, name: str, link: str, mm: float, deg: float, rng: np.random.Generator) -> SimulatedSetup:
     """A robot with Gaussian errors, and instruments that stand anywhere."""
     sensors, _ = parse_sensors(tuple(each.format(link) for each in SENSORS[name]), robot, 4)
-    seen = seen_with(robot, sensors, "", ())
+    seen = seen_with(robot, sensors)
     errors = build_error_model(seen.chain, seen.rig, ModelOptions())
     x = rng.normal(0, np.where(np.array(errors.units) == "m", mm * MM, deg * DEG))
     return simulated_setup(seen, errors, x, sensors, rng)

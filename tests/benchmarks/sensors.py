@@ -111,7 +111,7 @@ def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None
     rows = here.measured.copy()
     rows[len(unseen) :] = False
     true_noise = {"spot": NOISE.spot, "orientation": NOISE.angle}
-    sigma = dict(zip(model.kinds, found.estimate.noise.sigma.tolist(), strict=True))
+    sigma = dict(zip(found.kinds, found.estimate.noise.sigma.tolist(), strict=True))
     after = rms_of(error_table(here, len(unseen)))
     return Run(
         {kind: value / true_noise.get(kind, NOISE.length) for kind, value in sigma.items()},
