@@ -160,3 +160,30 @@ def test_few_poses_are_told_how_many_would_do(robots: dict[str, Robot]) -> None:
     assert verdict.tool is not None
     assert verdict.tool.up_to_constant.left > 0.5
     assert re.fullmatch(r"more poses: about \d+ of the same kind would bring tool0 under 33% of the nominal robot's error", *verdict.advice)
+
+
+def spoilt(data: Measurements, rows: list[int], rng: np.random.Generator) -> Measurements:
+    """The same with some points thrown 50 mm off in directions of their own."""
+    off = np.zeros((len(data), 3))
+    off[rows] = rng.normal(size=(len(rows), 3))
+    off[rows] *= 50e-3 / np.linalg.norm(off[rows], axis=1, keepdims=True)
+    return replace(data, readings=tuple(replace(own, values=own.values + off) for own in data.readings))
+
+
+def test_a_few_bad_readings_make_no_bad_calibration(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Three of 80 readings are bad: left out in turn they are no reason against it, and one among the test poses is a reservation."""
+    robot, data = points(robots, 80)
+    bad = spoilt(data, [7, 31, 52], rng)
+    found = fit(robot, bad)
+    assert len(found.outliers) == 3
+    assert verdict_of(found).use == "yes"
+    assert verdict_of(replace(found, folds=kfold(robot, bad, 4, rng))).use == "yes"
+    tested = verdict_of(fit(robot, bad.subset(np.arange(80) != 52), test=bad.subset(np.arange(50, 60))))
+    assert (tested.use, "1 test reading is a gross outlier" in tested.words) == ("reservations", True)
+
+
+def test_many_bad_test_readings_are_a_reason_against_it(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Where a third of the test readings is far off, the calibration is not what they say it is."""
+    robot, data = points(robots, 80)
+    test = spoilt(data.subset(np.arange(60, 80)), [1, 4, 7, 10, 13, 16, 19], rng)
+    assert verdict_of(fit(robot, data.subset(np.arange(60)), test=test)).use == "no"

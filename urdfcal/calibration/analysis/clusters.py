@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
-from urdfcal.calibration.error_table import main_unit
+from urdfcal.calibration.error_table import SpotTable, error_table, main_unit
 from urdfcal.calibration.outliers import gross_mask
 from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.result import FitResult
@@ -32,6 +32,7 @@ from urdfcal.estimation.residual import Linearisation
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import UNITS
 
+MANY = 0.1  # share of the readings beyond which outliers are no few bad readings
 ROUNDING = 1e-3  # [main unit] by which nothing is worse than anything else
 SETS = {"fit": "fitted", "test": "test", "k-fold": "left-out"}
 _CLUSTERS, _SHARE = 6, 0.1  # poses of small clusters, and share of all poses that large ones have
@@ -177,8 +178,17 @@ def _set(name: str, data: Measurements, calibrated: Linearisation, nominal: Line
     return _Set(name, data, calibrated.of_poses(len(data)), nominal.of_poses(len(data)), bad)
 
 
+def usual_tables(found: FitResult) -> dict[str, SpotTable]:
+    """Distances of the held-out poses, by a key of SETS, without outliers that are few and scattered as bad readings are."""
+    sets = [each for each in _held_out(found) if 0 < np.count_nonzero(each.bad) <= MANY * np.count_nonzero(each.calibrated.made)]
+    return {each.name: error_table(each.calibrated.without(each.bad), len(each.data)) for each in sets}
+
+
 def pose_distances(found: FitResult) -> tuple[Vector, Vector]:
-    """Farthest reading of each pose of `judged_set`, with the calibrated and with the nominal robot, in the main unit."""
+    """Farthest reading of each pose of `judged_set`, with the calibrated and with the nominal robot, in the main unit.
+
+    Scattered outliers among the fitted poses say nothing of either.
+    """
     each = next(_held_out(found), None) or next(_fitted(found))
     unit, columns = _main(found, each.calibrated)
     sizes = [_distances(each, one)[:, columns] / UNITS[unit] for one in (each.calibrated, each.nominal)]
@@ -187,7 +197,8 @@ def pose_distances(found: FitResult) -> tuple[Vector, Vector]:
 
 def _distances(each: _Set, one: Linearisation) -> Matrix:
     """Length of every reading's residual, (n, blocks)."""
-    residual = np.where(each.used, one.residual, 0.0)
+    used = each.used if each.name == "test" else each.used & ~each.bad[:, one.block_of]
+    residual = np.where(used, one.residual, 0.0)
     return np.column_stack([np.linalg.norm(residual[:, block.columns], axis=1) for block in one.blocks])
 
 

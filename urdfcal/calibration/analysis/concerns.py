@@ -8,11 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.analysis.clusters import ROUNDING, SETS, judged_set, left_out, pose_distances, worst_clusters
+from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, pose_distances, worst_clusters
 from urdfcal.calibration.error_table import main_unit
 from urdfcal.calibration.result import FitResult
 
-MANY = 0.1  # share of the readings whose loss needs a word
 _LOST = 0.1  # share of a joint's range that is left, under which its motion is lost
 _LEAST_RANGE = {True: 5 * MM, False: 1 * DEG}  # motion that there was to lose, of sliding and of turning joints
 _NAMED = 3  # joints that a sentence has room for

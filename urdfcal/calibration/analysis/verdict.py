@@ -16,6 +16,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import MM
+from urdfcal.calibration.analysis.clusters import usual_tables
 from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
 from urdfcal.calibration.analysis.prediction import default_far, default_tool, spot_jacobians
@@ -218,23 +219,25 @@ def _turns_better(tool: ToolAccuracy) -> Iterator[Finding]:
 def _tested(judged: Judged) -> Iterator[Finding]:
     """Poses that were not fitted."""
     found = judged.found
+    usual = usual_tables(found)
     if found.test is not None and found.test[1]:
-        yield from _compared(found, *found.test, "test readings")
+        yield from _compared(found, *found.test, "test readings", usual.get("test", found.test[1]))
     if found.folds is not None and found.folds.after:
-        yield from _compared(found, found.folds.before, found.folds.after, f"readings left out in turn ({found.folds.folds} fits)")
+        what = f"readings left out in turn ({found.folds.folds} fits)"
+        yield from _compared(found, found.folds.before, found.folds.after, what, usual.get("k-fold", found.folds.after))
 
 
-def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) -> Iterator[Finding]:
-    """Whether poses that were not fitted are off by more than the nominal robot's, or than can be expected."""
-    off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == "mm" else 0.0
-    if off > max(rms_of(before), least):
+def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str, usual: SpotTable) -> Iterator[Finding]:
+    """Whether poses that were not fitted are off by more than the nominal robot's, or, but for a few bad ones, than can be expected."""
+    least = _ROUNDING_MM if main_unit(after) == "mm" else 0.0
+    if rms_of(after) > max(rms_of(before), least):
         yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), with the nominal robot {rms_in_words(before)}")
         return
     expected = expected_ratio(found) * max(rms_of(found.after), least, 1e-12)
-    times, readings = off / expected, sum(row.n for row in after.values())
+    times, readings = rms_of(usual) / expected, sum(row.n for row in usual.values())
     by_chance = 1 + _CHANCE / math.sqrt(4 * max(readings, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
-    if off > least and times > _FAR * by_chance:
-        words = f"{what} are {rms_in_words(after)} off (RMS), {times:.2g} times what can be expected"
+    if rms_of(usual) > least and times > _FAR * by_chance:
+        words = f"{what} are {rms_in_words(usual)} off (RMS), {times:.2g} times what can be expected"
         yield Finding("no" if times > _FARTHER * by_chance else "reservations", words)
 
 
