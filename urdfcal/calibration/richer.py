@@ -70,7 +70,7 @@ def judged_by_more(geometry: Judged, robot: Robot, noise: Noise, gravity: Gravit
         gravity: Where down is, and what is carried; down or along another axis of the root link if None.
     """
     best, data = geometry, geometry.model.data
-    if len(data) < LEAST_POSES:
+    if data.pose_count < LEAST_POSES:
         return best
     pulls = [gravity] if gravity is not None else [Gravity(direction) for direction in _DOWN]
     for pull in pulls:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector
 from urdfcal.robot.chain import Chain
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.repeats import first_rows
 
 FALSE_ALARMS = 0.01
 _LEAST = 3  # outliers of which it can be told
@@ -38,12 +39,14 @@ class _Poses:
     Attributes:
         q: Joint positions, (n, inputs).
         sessions: Index of each pose's session, (n,).
+        names: Of the sessions.
         out: Which are outliers, (n,).
         drawn: As many at random, (draws, n).
     """
 
     q: Matrix
     sessions: Rows
+    names: tuple[str, ...]
     out: Mask
     drawn: Mask
 
@@ -69,18 +72,18 @@ def lie_together(chain: Chain, data: Measurements, out: Mask) -> tuple[str, ...]
 def _poses(data: Measurements, out: Mask) -> _Poses | None:
     """Distinct poses in the order of measuring; None where too few, or too many, are outliers."""
     seen = np.flatnonzero(data.observed)
-    _, first, which = np.unique(np.round(data.q[seen] / _SAME), axis=0, return_index=True, return_inverse=True)
-    place = np.argsort(np.argsort(first))[which.ravel()]
+    first, place = first_rows(data.pose_of[seen]), np.unique(data.pose_of[seen], return_inverse=True)[1]
     apart = np.zeros(len(first), dtype=bool)
     np.logical_or.at(apart, place, out[seen])
     if not _LEAST <= apart.sum() < len(apart) / 2:
         return None
-    rows = seen[np.sort(first)]
+    rows = seen[first]
     rng, n, k = np.random.default_rng(0), len(apart), int(apart.sum())
     lots = rng.random((_DRAWS, n), dtype=np.float32)
     drawn = np.zeros((_DRAWS, n), dtype=bool)
     np.put_along_axis(drawn, np.argpartition(lots, k - 1, axis=1)[:, :k], True, axis=1)
-    return _Poses(data.q[rows], np.unique(data.sessions[rows], return_inverse=True)[1].ravel(), apart, drawn)
+    names, sessions = np.unique(data.sessions[rows], return_inverse=True)
+    return _Poses(data.q[rows], sessions.ravel(), tuple(names.tolist()), apart, drawn)
 
 
 def _compared(chain: Chain, data: Measurements, poses: _Poses) -> Iterator[tuple[float, str]]:
@@ -95,8 +98,8 @@ def _compared(chain: Chain, data: Measurements, poses: _Poses) -> Iterator[tuple
         length = _stretches(poses.out[None], order)
         moves = bool(np.ptp(values) > _SAME)
         yield _chance(-length, -usual) if moves else 1.0, f"the motion of {joint.name} ({_held(values, poses.out, joint.prismatic)})"
-    if len(data.session_names) > 1:
-        yield _chance(_excess(poses.out[None], poses.sessions), _excess(poses.drawn, poses.sessions)), _most(data, poses)
+    if len(poses.names) > 1:
+        yield _chance(_excess(poses.out[None], poses.sessions), _excess(poses.drawn, poses.sessions)), _most(poses)
 
 
 def _chance(found: Vector, drawn: Vector) -> float:
@@ -162,6 +165,5 @@ def _shares(marked: Mask, sessions: Rows) -> Matrix:
     return np.asarray((marked @ own - expected) / np.sqrt(expected))
 
 
-def _most(data: Measurements, poses: _Poses) -> str:
-    name = np.unique(data.sessions)[int(np.argmax(_shares(poses.out[None], poses.sessions)[0]))]
-    return f"in session '{name}'"
+def _most(poses: _Poses) -> str:
+    return f"in session '{poses.names[int(np.argmax(_shares(poses.out[None], poses.sessions)[0]))]}'"

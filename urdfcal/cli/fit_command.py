@@ -65,6 +65,22 @@ from urdfcal.cli.options import (
 if TYPE_CHECKING:
     import numpy as np
 
+    from urdfcal.api import Calibration
+
+
+def refused(calibration: Calibration, beside: tuple[str, ...], as_json: bool) -> None:
+    """Stop where a calibration must not be used; what is for machines goes out all the same.
+
+    Raises:
+        FitRejected: says why.
+    """
+    from urdfcal.output.text.result import calibration_json
+
+    verdict = calibration.verdict
+    if verdict.use == "no" and as_json:
+        show(calibration_json(calibration) | {"files": {}}, [])
+    verdict.require_usable(beside)
+
 
 def fit(
     robot: RobotFile,
@@ -178,7 +194,7 @@ def fit(
     from urdfcal.cli.fit_outputs import planned, sag_wish
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
-    from urdfcal.output.text.sag import pair_words, sag_blocks, sag_json
+    from urdfcal.output.text.sag import asked_for, pair_words, sag_blocks, sag_json
     from urdfcal.sensors.measurements import in_pixels
 
     def rng() -> np.random.Generator:
@@ -234,16 +250,17 @@ def fit(
     )
     calibration = replace(calibration, warnings=warned, tool=tool or "")
     bent = wish.of(calibration)
+    calibration = replace(calibration, beyond=tuple(dict.fromkeys((*calibration.beyond, *asked_for(bent)))))
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if not force:
-        calibration.verdict.require_usable(pair_words(bent))  # no folds for what is of no use anyway
+        refused(calibration, pair_words(bent), as_json)  # no folds for what is of no use anyway
     if kfold is not None:
         calibration = replace(calibration, folds=cross_validate(arm, data, kfold, rng(), **how))
     verdict = calibration.verdict
     if force:
         warn([f"--force: {reason}" for reason in verdict.reasons if verdict.use == "no"], quiet)
     else:
-        verdict.require_usable(pair_words(bent))
+        refused(calibration, pair_words(bent), as_json)
     extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
     files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)

@@ -82,6 +82,7 @@ def observation_scales(linearisation: Linearisation, d2: Matrix) -> Matrix:
     freedom, scales, kinds, stating = degrees(linearisation), np.ones_like(d2), _kinds(linearisation), _stating(linearisation)
     for kind in np.unique(kinds):
         for own in ((kinds == kind) & apart for apart in (stating, ~stating)):
+            own = own & ~_known(linearisation)
             if np.isfinite(d2[own]).any():
                 scales[own] = robust_scale(d2[own], freedom[own])
     return scales
@@ -95,6 +96,12 @@ def _kinds(linearisation: Linearisation) -> Matrix:
 def _stating(linearisation: Linearisation) -> Mask:
     """Which observations state their own noise, (n, blocks)."""
     return np.column_stack([np.isfinite(linearisation.stated_sigma[:, block.columns]).any(axis=1) for block in linearisation.blocks])
+
+
+def _known(linearisation: Linearisation) -> Mask:
+    """Rows that are known beforehand and were not read, (n, 1)."""
+    rows = np.arange(len(linearisation.residual))[:, None]
+    return np.asarray(rows >= len(linearisation.residual) - linearisation.known)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,10 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.base.geometry import SE3, Matrix, Vector, six_screws
-from urdfcal.model.parameters import FLAT
+from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.rig import SIX
 
-_HELD = 1e-9  # [m] and [rad]
+_HELD = 1e-9  # [m] and [rad]: rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +75,16 @@ class EarlierJoints:
         return whitened
 
     def in_six(self, joints: Collection[str]) -> EarlierJoints:
-        """What is known of joints, as all six numbers of each placement; where it is held, it is known to a nanometre."""
+        """What is known of joints, as all six numbers of each placement; what the gauge left out is as unsure as a joint usually is."""
         own = [index for index, joint in enumerate(self.joints) if joint in joints]
         names = list(dict.fromkeys(self.joints[index] for index in own))
         S = np.zeros((6 * len(names), len(own)))
         for column, index in enumerate(own):
             row = 6 * names.index(self.joints[index])
             S[row : row + 6, column] = self.screws[:, index]
-        covariance = S @ self._block(own, own) @ S.T + _HELD**2 * np.eye(len(S))
+        usual = np.tile([DEFAULT_PRIORS["joint"].sigma(unit) for unit in ("m",) * 3 + ("rad",) * 3], len(names))
+        beside = np.eye(len(S)) - S @ np.linalg.pinv(S)
+        covariance = S @ self._block(own, own) @ S.T + beside @ np.diag(usual**2) @ beside.T + _HELD**2 * np.eye(len(S))
         every = tuple(f"{joint}.{name}" for joint in names for name in SIX)
         screws = np.tile(six_screws(), len(names))
         return EarlierJoints(every, np.full(len(every), FLAT), screws, covariance, {joint: self.origins[joint] for joint in names})

@@ -62,6 +62,7 @@ class ErrorModel:
         planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
         soft: How joints give way with the pose, if they do: the parameters of kind `soft`.
         earlier: What an earlier calibration decided of some of the joints, and of others that follow them.
+        known: Names of what the user says is known, which is more than that it is not estimated.
         held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
     """
 
@@ -75,6 +76,7 @@ class ErrorModel:
     held_sum: Mapping[str, float] = field(default_factory=dict)
     soft: Softness | None = None
     earlier: EarlierJoints | None = None
+    known: frozenset[str] = frozenset()
 
     @cached_property
     def names(self) -> tuple[str, ...]:

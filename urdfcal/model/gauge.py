@@ -60,7 +60,7 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     decided = {parameter.name for parameter in free} & set(options.earlier.names if options.earlier is not None else ())
     chosen, carried = enter(chain, rig, slots, free, decided, options.error_model == "auto")
     held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
-    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions), earlier=options.earlier)
+    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions), earlier=options.earlier, known=_known(stated, options))
 
 
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:
@@ -123,6 +123,12 @@ def _stated(parameters: list[Parameter], options: ModelOptions) -> tuple[list[Pa
         robots = {parameter.name for parameter in parameters if parameter.kind not in _NOT_THE_ROBOTS}
         fixed |= robots - set().union(*(matching(parameters, pattern) for pattern in options.only))
     return list(named.values()), fixed
+
+
+def _known(parameters: Sequence[Parameter], options: ModelOptions) -> frozenset[str]:
+    """Names that rig.yaml and `--fix` hold, since they are known; what `--only` leaves aside may be wrong all the same."""
+    patterns = [*options.fix, *(pattern for pattern, said in options.single.items() if said.fixed)]
+    return frozenset().union(*(matching(parameters, pattern) for pattern in patterns))
 
 
 def _require_own_names(slots: Sequence[Slot]) -> None:

@@ -30,6 +30,7 @@ from urdfcal.calibration.together import lie_together, nearest
 from urdfcal.estimation.chi_squared import quantile
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.repeats import first_rows
 from urdfcal.sensors.sensor import UNITS
 
 MANY = 0.1  # share of the readings beyond which outliers are no few bad readings
@@ -84,7 +85,7 @@ class _Set:
         name: `fit`, `test` or `k-fold`.
         data: All readings.
         calibrated, nominal: Their residuals.
-        bad: Outliers that are scattered as bad readings are, (n, blocks); those that lie together are not among them.
+        bad: Outliers that are few and scattered as bad readings are, (n, blocks).
     """
 
     name: str
@@ -120,6 +121,7 @@ def _worst_of(found: FitResult, each: _Set) -> Cluster | None:
     unit, _ = _main(found, each.calibrated)
     used = each.used & _numbers_of(each.calibrated, unit) & ~each.bad[:, each.calibrated.block_of]
     rows = np.flatnonzero(used.any(axis=1))
+    rows = rows[first_rows(each.data.pose_of[rows])]  # readings of one pose are no neighbours of each other
     if len(rows) < 2 * _CLUSTERS:
         return None
     c, n = (np.where(used, one.residual, 0.0)[rows] for one in (each.calibrated, each.nominal))
@@ -174,20 +176,27 @@ def _fitted(found: FitResult) -> Iterator[_Set]:
 
 
 def _set(name: str, data: Measurements, calibrated: Linearisation, nominal: Linearisation, out: Mask, together: bool) -> _Set:
-    bad = np.zeros_like(out) if together else out
-    return _Set(name, data, calibrated.of_poses(len(data)), nominal.of_poses(len(data)), bad)
+    own = calibrated.of_poses(len(data))
+    few = np.count_nonzero(out) <= MANY * np.count_nonzero(own.made)
+    return _Set(name, data, own, nominal.of_poses(len(data)), out if few and not together else np.zeros_like(out))
 
 
-def usual_tables(found: FitResult) -> dict[str, SpotTable]:
-    """Distances of the held-out poses, by a key of SETS, without outliers that are few and scattered as bad readings are."""
-    sets = [each for each in _held_out(found) if 0 < np.count_nonzero(each.bad) <= MANY * np.count_nonzero(each.calibrated.made)]
-    return {each.name: error_table(each.calibrated.without(each.bad), len(each.data)) for each in sets}
+def usual_tables(found: FitResult) -> dict[str, tuple[SpotTable, SpotTable]]:
+    """Distances of the held-out poses, nominal and calibrated, by a key of SETS, without a few scattered bad readings."""
+    return {
+        each.name: (
+            error_table(each.nominal.without(each.bad), len(each.data)),
+            error_table(each.calibrated.without(each.bad), len(each.data)),
+        )
+        for each in _held_out(found)
+        if each.bad.any()
+    }
 
 
 def pose_distances(found: FitResult) -> tuple[Vector, Vector]:
     """Farthest reading of each pose of `judged_set`, with the calibrated and with the nominal robot, in the main unit.
 
-    Scattered outliers among the fitted poses say nothing of either.
+    A few scattered bad readings say nothing of either.
     """
     each = next(_held_out(found), None) or next(_fitted(found))
     unit, columns = _main(found, each.calibrated)
@@ -197,8 +206,7 @@ def pose_distances(found: FitResult) -> tuple[Vector, Vector]:
 
 def _distances(each: _Set, one: Linearisation) -> Matrix:
     """Length of every reading's residual, (n, blocks)."""
-    used = each.used if each.name == "test" else each.used & ~each.bad[:, one.block_of]
-    residual = np.where(used, one.residual, 0.0)
+    residual = np.where(each.used & ~each.bad[:, one.block_of], one.residual, 0.0)
     return np.column_stack([np.linalg.norm(residual[:, block.columns], axis=1) for block in one.blocks])
 
 

@@ -109,9 +109,9 @@ def _with_likely_scales(errors: ErrorModel, H: Matrix, y: Vector, found: FitResu
         mean, variances = P @ gradient, np.diag(P)
         gamma = [float(np.sum(1 - variances[own] / sigma[own] ** 2)) for own, _ in free]
         size = sum(float(np.sum(mean[own] ** 2)) / prior**2 for own, prior in free)
-        common = (size + _NU_ALL) / (sum(gamma) + _NU_ALL)
+        common = (size + _NU_ALL) / (max(sum(gamma), 0.0) + _NU_ALL)
         for (own, prior), known in zip(free, gamma, strict=True):
-            sigma[own] = np.sqrt((np.sum(mean[own] ** 2) + _NU * common * prior**2) / (known + _NU))
+            sigma[own] = np.sqrt((np.sum(mean[own] ** 2) + _NU * common * prior**2) / (max(known, 0.0) + _NU))
     return errors.with_prior(replace(errors.prior(), sigma=sigma))
 
 
@@ -159,8 +159,7 @@ def _widened(found: FitResult) -> tuple[ErrorModel, Vector]:
 
 def _has_fixed(slot: Slot, errors: ErrorModel) -> bool:
     """Whether the user said that some of a joint's errors are known."""
-    usual = [name for name in slot.names if name not in (*slot.spare, *slot.last)]
-    return any(f"{slot.label}.{name}" not in (*errors.names, *errors.carried) for name in usual)
+    return any(f"{slot.label}.{name}" in errors.known for name in slot.names)
 
 
 def _carried(errors: ErrorModel) -> Iterator[Parameter]:

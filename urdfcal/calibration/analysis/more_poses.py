@@ -35,9 +35,11 @@ def information_of_a_pose(errors: ErrorModel, data: Measurements, noise: Noise, 
     """
     data = replace(data, lengths=())
     further = data if any(reading.kind.touches for reading in data.readings) else _elsewhere(errors, data, x, rng)
-    linearisation = _without_lost(problem_of(replace(errors, held_sum={}), further, noise).linearise(x))
+    linearisation = _without_lost(problem_of(replace(errors, held_sum={}, earlier=None), further, noise).linearise(x))
+    if further is not data:  # drawn poses are poses of their own, also where some of them came out the same
+        linearisation = replace(linearisation, poses=None)
     H = noise.weights(linearisation).jacobian(linearisation)
-    return np.asarray(H.T @ H / len(further))
+    return np.asarray(H.T @ H / (data.pose_count if further is data else len(further)))
 
 
 def _elsewhere(errors: ErrorModel, data: Measurements, x: Vector, rng: np.random.Generator) -> Measurements:

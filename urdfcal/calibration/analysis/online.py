@@ -241,7 +241,7 @@ class OnlineCalibrator:
 
     def _batch(self, model: Problem, belief: Belief, noise: Noise) -> Estimate:
         held = noise.all_stated or self._freedom(belief) < _FREEDOM
-        return iterated_schedule(model.linearise, self._prior, replace(noise, stated=held), start=belief.x, tolerance=_REST)
+        return iterated_schedule(model.linearise, self._prior, noise.hold() if held else noise, start=belief.x, tolerance=_REST)
 
     def _freedom(self, belief: Belief) -> float:
         """Measurements less the parameters that they decide; several readings of one pose are one."""

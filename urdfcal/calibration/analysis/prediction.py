@@ -133,7 +133,8 @@ def spot_jacobians(errors: ErrorModel, x: Vector, q: Matrix) -> Array4:
     """Derivative of every spot by the parameters, (n, lasers, 2, p); nan where a beam does not meet the screen."""
     q = np.asarray(q, dtype=float)
     n, lasers = len(q), errors.chain.laser_names
-    jacobian = Problem(errors, _all_seen(errors, q)).linearise(errors.check(x)).jacobian.reshape(n, len(lasers), 2, len(errors.names))
+    seen = Problem(errors, _all_seen(errors, q)).linearise(errors.check(x)).of_poses(n)
+    jacobian = seen.jacobian.reshape(n, len(lasers), 2, len(errors.names))
     return np.where(beams_at(errors, x, q).meets[..., None, None], jacobian, np.nan)
 
 

@@ -169,7 +169,8 @@ def _more_poses(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
     needed = next((further for further in FURTHER if left(further) <= _GOOD * nominal), None)
     if needed is not None:
         then = left(needed)
-        words = f"more poses: about {len(trial.data) + needed} of the same kind, which leave {link} {then / MM:.2g} mm off up to a constant"
+        poses = trial.data.pose_count + needed
+        words = f"more poses: about {poses} of the same kind, which leave {link} {then / MM:.2g} mm off up to a constant"
         yield Suggestion(f"{words}, now {now / MM:.2g} mm", 1 - then / now)
 
 

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.calibration.error_table import SpotTable, error_table, main_unit, rms_of
+from urdfcal.calibration.extra_noise import widened
 from urdfcal.calibration.fitting import fit
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import CrossValidation, FitResult
@@ -33,7 +34,7 @@ from urdfcal.estimation.pose_means import total
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
-from urdfcal.sensors.measurements import Measurements, placed_by_session
+from urdfcal.sensors.measurements import Measurements, fit_and_test, placed_by_session
 from urdfcal.sensors.repeats import first_rows
 from urdfcal.sensors.sensor import UNITS
 
@@ -91,12 +92,13 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
     """
     if "test" in fit_arguments:
         raise UsageError("cross-validation has test poses of its own; give it no others")
-    data, _ = data.split()
+    data = fit_and_test(data)[0]
     before, after = _Gathered(len(data)), _Gathered(len(data))
     rms, rejected = [], []
     for number, held in enumerate(_folds(data, folds, rng), start=1):
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
+        out = widened(out, found.extra_noise)
         errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
         linearisation = Problem(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
@@ -231,7 +233,7 @@ def _predicted_variance(linearisation: Linearisation, noise: Noise, P: Matrix) -
     variance = noise.of_numbers(linearisation) ** 2 + np.sum((linearisation.jacobian @ P) * linearisation.jacobian, axis=-1)
     if linearisation.joint_jacobian.shape[-1]:
         variance = variance + np.sum((linearisation.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
-    return np.asarray(variance[linearisation.measured & (linearisation.kinds == 0)])
+    return np.asarray(variance[linearisation.read & (linearisation.kinds == 0)])
 
 
 def _much_worse(tested: Vector, fitted: Vector) -> bool:

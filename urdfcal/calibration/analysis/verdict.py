@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from urdfcal.base.errors import FitRejected
-from urdfcal.base.geometry import MM
+from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.clusters import usual_tables
 from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
@@ -24,17 +24,19 @@ from urdfcal.calibration.analysis.tool_accuracy import Gain, ToolAccuracy, tool_
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.result import FitResult, large_noise_warning, large_scales_warning, misfit_words, too_few_warning
 from urdfcal.calibration.start.begin import has_spots_in_metres
+from urdfcal.model.parameters import DEFAULT_PRIORS
 
 Use = Literal["yes", "reservations", "no"]
 SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
 
 CLEARLY, SURELY = 0.97, 0.99  # probabilities of being better than the nominal robot
 _CLEAR = 0.9  # share of the nominal robot's error, from which what is predicted is not clearly below it
-_MUCH, _AS_LIKELY_AS_NOT = 0.6, 0.5
+_MUCH, _LIKELY, _AS_LIKELY_AS_NOT = 0.6, 0.9, 0.5
 _HALF = 0.5  # share of the nominal robot's error, beyond which calibration brought little
 _GOOD = 1 / 3  # share of the nominal robot's error that makes a good calibration
 _ORDER: tuple[Use, ...] = ("yes", "reservations", "no")
 _FIFTH = 0.2  # of the chi-squared that was stated
+_FAR_OFF = 5.0  # times the usual size of a joint's errors, beyond which no robot is made
 _FAR, _FARTHER = 1.5, 3.0  # times what is predicted of poses that were not fitted
 _ROUNDING_MM = 1e-3  # below it nothing is worse than anything else
 _CHANCE = 3.0  # standard deviations that are allowed for a few test readings
@@ -42,10 +44,17 @@ _CHANCE = 3.0  # standard deviations that are allowed for a few test readings
 
 @dataclass(frozen=True)
 class Finding:
-    """What one concern found."""
+    """What one concern found.
+
+    Attributes:
+        use: How grave it is.
+        words: What it is.
+        more: Whether more poses of the same kind would help.
+    """
 
     use: Use
     words: str
+    more: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,9 +144,10 @@ def verdict_of(found: FitResult) -> Verdict:
     if not (found.converged and np.isfinite(found.x).all() and np.isfinite(found.covariance).all()):
         return Verdict("no", (found.rejection or "the fit gave no finite result",))
     findings = list(_rejected(judged)) or [finding for concern in CONCERNS for finding in concern(judged)]
+    more = all(finding.more for finding in findings if finding.use != "yes")
     use: Use = max((finding.use for finding in findings), key=_ORDER.index, default="yes")
     reasons = tuple(dict.fromkeys(finding.words for finding in findings if finding.use == use))
-    return Verdict(use, reasons, judged.tool, tuple(_advice(judged, use)), judged.spots)
+    return Verdict(use, reasons, judged.tool, tuple(_advice(judged, use)) if more else (), judged.spots)
 
 
 def _rejected(judged: Judged) -> Iterator[Finding]:
@@ -151,7 +161,7 @@ def _few_numbers(judged: Judged) -> Iterator[Finding]:
     data, errors = judged.found.data, judged.found.errors
     read = data.numbers + len(data.lengths) + len(errors.known_rows)
     if read < len(errors.names):
-        yield Finding("no", f"{read} numbers were read at {data.counted}, fewer than the {len(errors.names)} unknowns")
+        yield Finding("no", f"{read} numbers were read at {data.counted}, fewer than the {len(errors.names)} unknowns", more=True)
 
 
 def _stated_noise(judged: Judged) -> Iterator[Finding]:
@@ -177,7 +187,7 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
     """
     tool, asked = judged.tool, bool(judged.found.tool)
     cases = [
-        (f"{tool.link} in the frame of {tool.base}", tool.in_base, CLEARLY if asked else _AS_LIKELY_AS_NOT),
+        (f"{tool.link} in the frame of {tool.base}", tool.in_base, _LIKELY if asked else _AS_LIKELY_AS_NOT),
         (f"{tool.link} up to a constant", tool.up_to_constant, CLEARLY),
     ]
     cases += [("the spots", judged.spots, CLEARLY)] if judged.spots is not None else []
@@ -190,12 +200,16 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
         if not clear and gain is tool.up_to_constant and _constants_were_wrong(judged):
             continue  # the shape was right already, and what was wrong is a constant that the data tell
         if not clear:
-            yield Finding("no", f"{what}: predicted {off} off, which is not clearly below the nominal robot's {nominal}")
+            yield Finding("no", f"{what}: predicted {off} off, which is not clearly below the nominal robot's {nominal}", more=True)
         elif gain.better < SURELY:
-            yield Finding("reservations", f"{what}: predicted {off} off, the nominal robot {nominal}; {gain.better:.0%} sure to be better")
+            yield Finding(
+                "reservations", f"{what}: predicted {off} off, the nominal robot {nominal}; {gain.better:.0%} sure to be better", more=True
+            )
     if tool.up_to_constant.left > _HALF and not _constants_were_wrong(judged):
         off, nominal = _mm(tool.up_to_constant.after.rms), _mm(tool.up_to_constant.before.rms)
-        yield Finding("reservations", f"{tool.link} is predicted {off} off up to a constant, much of the nominal robot's {nominal}")
+        yield Finding(
+            "reservations", f"{tool.link} is predicted {off} off up to a constant, much of the nominal robot's {nominal}", more=True
+        )
 
 
 def _constants_were_wrong(judged: Judged) -> bool:
@@ -217,27 +231,32 @@ def _turns_better(tool: ToolAccuracy) -> Iterator[Finding]:
 
 
 def _tested(judged: Judged) -> Iterator[Finding]:
-    """Poses that were not fitted."""
+    """Poses that were not fitted; a few scattered bad readings among them are said on their own."""
     found = judged.found
     usual = usual_tables(found)
     if found.test is not None and found.test[1]:
-        yield from _compared(found, *found.test, "test readings", usual.get("test", found.test[1]))
+        yield from _compared(found, *usual.get("test", found.test), "test readings")
     if found.folds is not None and found.folds.after:
-        what = f"readings left out in turn ({found.folds.folds} fits)"
-        yield from _compared(found, found.folds.before, found.folds.after, what, usual.get("k-fold", found.folds.after))
+        tables = usual.get("k-fold", (found.folds.before, found.folds.after))
+        yield from _compared(found, *tables, f"readings left out in turn ({found.folds.folds} fits)")
 
 
-def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str, usual: SpotTable) -> Iterator[Finding]:
-    """Whether poses that were not fitted are off by more than the nominal robot's, or, but for a few bad ones, than can be expected."""
-    least = _ROUNDING_MM if main_unit(after) == "mm" else 0.0
-    if rms_of(after) > max(rms_of(before), least):
+def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) -> Iterator[Finding]:
+    """Whether poses that were not fitted are off by more than the nominal robot's, or than can be expected."""
+    off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == "mm" else 0.0
+    if off > max(rms_of(before), least):
         yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), with the nominal robot {rms_in_words(before)}")
         return
+    if off > max(_CLEAR * rms_of(before), least):
+        yield Finding(
+            "no", f"{what} are {rms_in_words(after)} off (RMS), hardly nearer than with the nominal robot, {rms_in_words(before)}"
+        )
+        return
     expected = expected_ratio(found) * max(rms_of(found.after), least, 1e-12)
-    times, readings = rms_of(usual) / expected, sum(row.n for row in usual.values())
+    times, readings = off / expected, sum(row.n for row in after.values())
     by_chance = 1 + _CHANCE / math.sqrt(4 * max(readings, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
-    if rms_of(usual) > least and times > _FAR * by_chance:
-        words = f"{what} are {rms_in_words(usual)} off (RMS), {times:.2g} times what can be expected"
+    if off > least and times > _FAR * by_chance:
+        words = f"{what} are {rms_in_words(after)} off (RMS), {times:.2g} times what can be expected"
         yield Finding("no" if times > _FARTHER * by_chance else "reservations", words)
 
 
@@ -273,12 +292,27 @@ def _assumed(judged: Judged) -> Iterator[Finding]:
     if not honest_covariance(found):
         yield Finding("reservations", "the paper's schedule was used: its sigmas follow from Q and R and say nothing about accuracy")
     for words in too_few_warning(found.data, found.estimate.noise, found.freedom):
-        yield Finding("reservations", words)
+        yield Finding("reservations", words, more=True)
     for words in (*large_noise_warning(found), *large_scales_warning(found.evidence)):
         yield Finding("reservations", words)
 
 
-CONCERNS: tuple[Concern, ...] = (_few_numbers, _stated_noise, _is_better, _tested, _residuals, _assumed)
+def _far_off(judged: Judged) -> Iterator[Finding]:
+    """Joints that were found where no maker puts them: the URDF is another robot's, or what was measured is on another link."""
+    slides = tuple(f"{joint.name}." for joint in judged.found.robot.chain.inputs if joint.prismatic)  # where one begins may be anywhere
+    usual, far = DEFAULT_PRIORS["joint"], []
+    for parameter, value, sigma in zip(judged.found.errors.parameters, judged.found.x.tolist(), judged.found.sigma.tolist(), strict=True):
+        if (
+            parameter.kind == "joint"
+            and abs(value) > _FAR_OFF * max(usual.sigma(parameter.unit), sigma)
+            and not parameter.name.startswith(slides)
+        ):
+            far.append(f"{parameter.name} {value / MM:.0f} mm" if parameter.unit == "m" else f"{parameter.name} {value / DEG:.1f} deg")
+    if far:
+        yield Finding("reservations", f"joints were found far off the URDF ({', '.join(far[:3])}); is it this robot's, and the link right?")
+
+
+CONCERNS: tuple[Concern, ...] = (_few_numbers, _stated_noise, _is_better, _tested, _residuals, _far_off, _assumed)
 
 
 def _advice(judged: Judged, use: Use) -> Iterator[str]:
@@ -286,7 +320,7 @@ def _advice(judged: Judged, use: Use) -> Iterator[str]:
     tool = judged.tool
     if use == "yes" or tool.up_to_constant.left < _HALF:
         return
-    needed = tool.poses_for(_GOOD, len(judged.found.data))
+    needed = tool.poses_for(_GOOD, judged.found.data.pose_count)
     yield (
         f"more poses: about {needed} of the same kind would bring {tool.link} under {_GOOD:.0%} of the nominal robot's error"
         if needed

@@ -36,7 +36,7 @@ def is_credible(model: Problem, found: Estimate, noise: Noise) -> bool:
     """
     if np.any(np.abs(found.belief.x - model.errors.mean) > INCREDIBLE * model.errors.sigma):
         return False
-    linearisation = model.linearise(found.belief.x)
+    linearisation = model.linearise(found.belief.x).of_poses(len(model.data))
     beams = [index for index, channel in enumerate(model.channels) if channel.sensor.name == "spot"]
     distances = [
         np.linalg.norm(linearisation.residual[:, linearisation.blocks[index].columns], axis=1)[linearisation.made[:, index]]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _MRAD = 1e-3
 _WORTH_IT = 3.0  # of log evidence, under which sag explains nothing
 _MUCH_BETTER = 0.5  # of the held-out error, under which the pair is worth a word even where geometry alone is of no use
+_WORTH_A_WORD = 0.8  # of the held-out error, under which whoever uses geometry alone has to know of it
 _NO_GAIN = 0.99  # of the held-out error, above which it gains nothing
 
 
@@ -84,6 +85,14 @@ def sag_words(sag: SagFit) -> str:
         f"{head}: held-out poses ({left.folds}-fold{trimmed}) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
         f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
     )
+
+
+def asked_for(sag: SagFit | None) -> tuple[str, ...]:
+    """What the data ask for beside geometry, and poses that were not fitted are the better for."""
+    left = sag.held_out if sag is not None else None
+    if sag is None or left is None or not worth_it(sag) or left.weighed > _WORTH_A_WORD:
+        return ()
+    return ("sag", *sag.kept)
 
 
 def pair_words(sag: SagFit | None) -> tuple[str, ...]:
