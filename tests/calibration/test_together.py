@@ -79,3 +79,13 @@ def test_too_few_or_too_many_are_not_judged(panda: Robot, rng: np.random.Generat
     q = np.sort(drawn(50, rng), axis=0)
     assert told(panda, q, np.arange(50) < 2) == ""
     assert told(panda, q, np.arange(50) < 40) == ""
+
+
+def test_a_session_is_named_also_where_another_saw_the_same_poses(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Two sessions visit the same poses, and all outliers are of the second one."""
+    robot = robots["ur5"]
+    q = np.tile(rng.uniform(-1, 1, (60, 6)), (2, 1))
+    data = measurements_from(robot, q, rng.normal(size=(120, 2, 2)), sessions=["morning"] * 60 + ["afternoon"] * 60)
+    out = np.zeros(120, dtype=bool)
+    out[60 + rng.permutation(60)[:20]] = True
+    assert "in session 'afternoon'" in lie_together(robot.chain, data, out)

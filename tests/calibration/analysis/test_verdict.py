@@ -8,14 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.support import two_ends
 from tests.support.paths import ROBOTS_DIR
 from tests.support.sensor_cases import CASES, NOISE, setup_of
 from urdfcal.api import Calibration, FitRejected, fit
+from urdfcal.calibration.analysis.clusters import worst_clusters
 from urdfcal.calibration.analysis.validation import kfold
 from urdfcal.calibration.analysis.verdict import verdict_of
 from urdfcal.calibration.error_table import SpotErrors
 from urdfcal.calibration.result import FitResult
-from urdfcal.robot.robot import Robot
+from urdfcal.model.options import ModelOptions
+from urdfcal.robot.robot import Robot, with_text
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements
 from urdfcal.simulation.readings import simulate_readings
@@ -187,3 +190,43 @@ def test_many_bad_test_readings_are_a_reason_against_it(robots: dict[str, Robot]
     robot, data = points(robots, 80)
     test = spoilt(data.subset(np.arange(60, 80)), [1, 4, 7, 10, 13, 16, 19], rng)
     assert verdict_of(fit(robot, data.subset(np.arange(60)), test=test)).use == "no"
+
+
+def test_what_only_leaves_aside_is_not_known(robots: dict[str, Robot]) -> None:
+    """Zeros alone are judged the same, whether they were asked for as a model or as parameters; what is fixed is taken at its word."""
+    robot, data = points(robots, 60, "pose")
+    narrowed, offset = fit(robot, data, only=["*.d_theta"]), fit(robot, data, error_model="offset")
+    predicted = [found.verdict.tool.up_to_constant.after.rms for found in (narrowed, offset)]  # type: ignore[union-attr]
+    assert predicted[0] == pytest.approx(predicted[1], rel=0.2)
+    assert narrowed.verdict.use == offset.verdict.use
+
+
+def test_joints_far_off_the_urdf_are_a_reservation(rng: np.random.Generator) -> None:
+    """A hand that is measured as known, and sits 80 mm from where the URDF has it, along the last axis, ends in its joint, and that is said."""
+    robot = two_ends.robot_of(two_ends.arm("a", "base", "0.05 0.03 0.1"), [("hand", "a6_link")])
+    seen, errors = two_ends.seen(robot, "hand_link", "base", known=True)
+    data = two_ends.measured(seen, errors, rng.normal(0, 1e-3, len(errors.names)), "hand_link", rng, known=True)[1]
+    ends = ModelOptions(reference_known=True, target_known=True)
+    assert "far off" not in fit(seen, data, options=ends).verdict.words
+    elsewhere = with_text(seen, robot.description.text.replace(b"0.05 0.02 0.04", b"-0.03 0.02 0.04"))
+    assert re.search(r"joints were found far off the URDF \(a6\.\S+ -?\d+ mm", fit(elsewhere, data, options=ends).verdict.words)
+
+
+def test_knowledge_of_another_branch_is_no_spot(robots: dict[str, Robot]) -> None:
+    """Spots fitted after an earlier calibration of the same arm are judged, and its rows are no readings."""
+    robot, data = robots["arm7"], example(robots)
+    first = fit(robot, data.subset(np.arange(0, 40)))
+    again = with_text(robot, first.urdf())
+    second = fit(again, data.subset(np.arange(40, 60)), after=first)
+    assert second.verdict.spots is not None
+    assert second.verdict.spots.after.rms < first.verdict.spots.after.rms  # type: ignore[union-attr]
+
+
+def test_readings_of_one_pose_are_no_cluster(robots: dict[str, Robot]) -> None:
+    """A healthy set whose poses were read ten times, with noise in common, has no poses where the nominal robot is surely better."""
+    robot, data = points(robots, 30)
+    rows = np.repeat(np.arange(30), 10)
+    own = np.random.default_rng(0).normal(0, 2e-5, (300, 3))
+    again = data.subset(rows)
+    again = replace(again, readings=tuple(replace(reading, values=reading.values + own) for reading in again.readings))
+    assert worst_clusters(fit(robot, again)) == []
