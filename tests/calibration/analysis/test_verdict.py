@@ -202,7 +202,7 @@ def test_what_only_leaves_aside_is_not_known(robots: dict[str, Robot]) -> None:
 
 
 def test_joints_far_off_the_urdf_are_a_reservation(rng: np.random.Generator) -> None:
-    """A hand that is measured as known, and sits 80 mm from where the URDF has it, along the last axis, ends in its joint, and that is said."""
+    """A hand measured as known that sits 80 mm from where the URDF has it, along the last axis, ends in its joint, and that is said."""
     robot = two_ends.robot_of(two_ends.arm("a", "base", "0.05 0.03 0.1"), [("hand", "a6_link")])
     seen, errors = two_ends.seen(robot, "hand_link", "base", known=True)
     data = two_ends.measured(seen, errors, rng.normal(0, 1e-3, len(errors.names)), "hand_link", rng, known=True)[1]
