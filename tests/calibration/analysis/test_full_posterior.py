@@ -8,6 +8,7 @@ import pytest
 from tests.support.sensor_cases import CASES, NOISE, setup_of
 from urdfcal.api import Calibration, fit
 from urdfcal.calibration.analysis.full_posterior import full_posterior
+from urdfcal.calibration.analysis.more_poses import covariance
 from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.parameters import PriorScale
@@ -79,3 +80,12 @@ def test_priors_that_are_not_stated_follow_the_data(robots: dict[str, Robot], po
     full = full_posterior(of_lasers(robots["ur5"], poses))
     scale = max(parameter.sigma for parameter in full.errors.parameters if parameter.kind == "joint" and parameter.unit == "m")
     assert 1e-3 < scale < 4e-3
+
+
+def test_priors_of_any_width_have_a_covariance(rng: np.random.Generator) -> None:
+    """Information of rank two under priors from nanometres to kilometres gives a covariance that is positive and no wider than they."""
+    H, sigma = rng.normal(size=(2, 6)) * 1e6, 10.0 ** np.linspace(-9, 3, 6)
+    P = covariance(H.T @ H, sigma)
+    assert np.isfinite(P).all()
+    assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() >= -1e-12
+    assert np.all(np.diag(P) <= sigma**2 * (1 + 1e-9))

@@ -111,7 +111,7 @@ def _with_likely_scales(errors: ErrorModel, H: Matrix, y: Vector, found: FitResu
         size = sum(float(np.sum(mean[own] ** 2)) / prior**2 for own, prior in free)
         common = (size + _NU_ALL) / (max(sum(gamma), 0.0) + _NU_ALL)
         for (own, prior), known in zip(free, gamma, strict=True):
-            sigma[own] = np.sqrt((np.sum(mean[own] ** 2) + _NU * common * prior**2) / (max(known, 0.0) + _NU))
+            sigma[own] = min(np.sqrt((np.sum(mean[own] ** 2) + _NU * common * prior**2) / (max(known, 0.0) + _NU)), FLAT)
     return errors.with_prior(replace(errors.prior(), sigma=sigma))
 
 

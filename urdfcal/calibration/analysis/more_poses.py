@@ -67,6 +67,7 @@ def _without_lost(linearisation: Linearisation) -> Linearisation:
 
 
 def covariance(information: Matrix, sigma: Vector) -> Matrix:
-    """(information + diag(sigma)^-2)^-1, in units of the prior so that it can be inverted, (p, p)."""
-    scaled = np.linalg.inv(np.eye(len(sigma)) + information * np.outer(sigma, sigma))
+    """(information + diag(sigma)^-2)^-1, (p, p): in units of the prior, and by eigenvalues, so that it is positive whatever they are."""
+    values, vectors = np.linalg.eigh(information * np.outer(sigma, sigma))
+    scaled = (vectors / (1 + np.maximum(values, 0.0))) @ vectors.T
     return np.asarray(scaled * np.outer(sigma, sigma))
