@@ -127,6 +127,11 @@ class FitResult:
     tool: str = ""
 
     @property
+    def read(self) -> Measurements:
+        """The fitted poses with all that was read, outliers included."""
+        return self.measured or self.data
+
+    @property
     def x(self) -> Vector:
         """Estimated parameters, (p,), [m] and [rad]."""
         return self.estimate.belief.x

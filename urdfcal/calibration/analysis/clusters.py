@@ -13,7 +13,7 @@ is beyond what any of the clusters would reach.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -39,7 +39,7 @@ SETS = {"fit": "fitted", "test": "test", "k-fold": "left-out"}
 _CLUSTERS, _SHARE = 6, 0.1  # poses of small clusters, and share of all poses that large ones have
 _MOST, _SPARED = 0.75, 1 / 6  # share of a cluster that must be worse pose by pose, and of its farthest poses, which may be bad readings
 _BY_CHANCE = 1e-3  # how often any cluster of a good calibration is called worse
-_NAMED = 3  # poses that a sentence has room for
+_NAMED = 3  # poses, or joints, that a sentence has room for
 
 Rows = npt.NDArray[np.intp]
 
@@ -70,10 +70,9 @@ class Cluster:
 
     def words(self) -> str:
         """In a sentence."""
-        named = ", ".join(self.poses[:_NAMED]) + (f" and {len(self.poses) - _NAMED} more" if len(self.poses) > _NAMED else "")
         return (
-            f"at neighbouring {SETS[self.set]} poses ({named}) the calibrated robot is {self.calibrated:.3g} {self.unit} off (RMS), "
-            f"the nominal one {self.nominal:.3g} {self.unit}"
+            f"at neighbouring {SETS[self.set]} poses ({listed(self.poses)}) the calibrated robot is "
+            f"{self.calibrated:.3g} {self.unit} off (RMS), the nominal one {self.nominal:.3g} {self.unit}"
         )
 
 
@@ -165,11 +164,11 @@ def _held_out(found: FitResult) -> Iterator[_Set]:
         together = lie_together(errors.chain, test, np.asarray(out.any(axis=1)))
         yield _set("test", test, model.linearise(x), found.nominal.linearise(test), out, bool(together))
     if found.folds is not None and found.folds.left_out is not None and len(found.folds.left_out[0].residual) == len(found.data):
-        yield _set("k-fold", found.measured or found.data, *found.folds.left_out, left_out(found)[0], bool(found.together))
+        yield _set("k-fold", found.read, *found.folds.left_out, left_out(found)[0], bool(found.together))
 
 
 def _fitted(found: FitResult) -> Iterator[_Set]:
-    data = found.measured or found.data
+    data = found.read
     if not data.empty:
         calibrated = problem_of(found.errors, data, found.estimate.noise).linearise(found.x)
         yield _set("fit", data, calibrated, found.nominal.linearise(data), left_out(found)[0], bool(found.together))
@@ -223,9 +222,14 @@ def _numbers_of(linearisation: Linearisation, unit: str) -> Mask:
     return own
 
 
+def listed(names: Sequence[str]) -> str:
+    """As many names as a sentence has room for, and how many more there are."""
+    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
+
+
 def left_out(found: FitResult) -> tuple[Mask, Mask]:
     """Which readings of the fitted poses were left out, and which were read, (n, readings)."""
-    kept, read = (_read(data) for data in (found.data, found.measured or found.data))
+    kept, read = (_read(data) for data in (found.data, found.read))
     return read & ~kept, read
 
 

@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, pose_distances, worst_clusters
+from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, listed, pose_distances, worst_clusters
 from urdfcal.calibration.error_table import main_unit
 from urdfcal.calibration.result import FitResult
 
 _LOST = 0.1  # share of a joint's range that is left, under which its motion is lost
 _LEAST_RANGE = {True: 5 * MM, False: 1 * DEG}  # motion that there was to lose, of sliding and of turning joints
-_NAMED = 3  # joints that a sentence has room for
 _WORDS = {"sag": "the joints' sag", "scale": "the encoders' scale", "eccentricity": "the encoders' eccentricity"}
 _WORDS |= {"approach": "the direction of the last move"}
 
@@ -49,7 +48,7 @@ def many_outliers(found: FitResult) -> tuple[str, ...]:
 def lost_motion(found: FitResult) -> tuple[str, ...]:
     """Joints that hardly move in what was kept, though they did in what was read."""
     out, read = left_out(found)
-    data = found.measured or found.data
+    data = found.read
     kept, seen = (read & ~out).any(axis=1), read.any(axis=1)
     if not kept.any() or kept.all():
         return ()
@@ -58,7 +57,7 @@ def lost_motion(found: FitResult) -> tuple[str, ...]:
         whole, left = float(np.ptp(values[seen])), float(np.ptp(values[kept]))
         if whole > _LEAST_RANGE[joint.prismatic] and left < _LOST * whole:
             lost.append(joint.name)
-    return (f"without the outliers nothing is left of the motion of {_listed(lost)}",) if lost else ()
+    return (f"without the outliers nothing is left of the motion of {listed(lost)}",) if lost else ()
 
 
 def outliers_together(found: FitResult) -> tuple[str, ...]:
@@ -91,7 +90,7 @@ def bad_test_readings(found: FitResult) -> tuple[str, ...]:
 
 def worst_poses(found: FitResult) -> tuple[str, ...]:
     """The farthest reading is no nearer than with the nominal robot: of the test poses, of those left out in turn, else of the fitted."""
-    if (found.measured or found.data).empty:
+    if found.read.empty:
         return ()
     after, before = (float(np.max(distances, initial=0.0)) for distances in pose_distances(found))
     if not after > before + ROUNDING:
@@ -110,7 +109,3 @@ def left_out_share(found: FitResult) -> float:
     """Share of the readings of the fitted poses that were left out."""
     out, read = left_out(found)
     return int(np.count_nonzero(out)) / max(int(np.count_nonzero(read)), 1)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")

@@ -188,7 +188,7 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
 
 
 def _outliers(calibration: FitResult, sets: Sequence[Residuals], found: Sequence[Suspect]) -> Section:
-    measured, words = calibration.measured or calibration.data, wording_of(calibration.data)
+    measured, words = calibration.read, wording_of(calibration.data)
     blocks = _left_out(fit_heading(calibration), calibration.outliers, measured, words.source)
     if calibration.together:
         blocks.append(f"{together_words(calibration)}.")

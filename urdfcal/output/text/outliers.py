@@ -62,7 +62,7 @@ def _group(name: str, kind: str, own: Sequence[Outlier]) -> OutlierGroup:
 
 def outlier_blocks(calibration: FitResult) -> list[RenderableType]:
     """For people: both tables, and where readings that the fit could not explain lie together."""
-    measured = calibration.measured or calibration.data
+    measured = calibration.read
     blocks = _table(fit_heading(calibration), calibration.outliers, measured.source)
     if calibration.together:
         blocks += ["", together_words(calibration)]
@@ -74,7 +74,7 @@ def outlier_blocks(calibration: FitResult) -> list[RenderableType]:
 
 def fit_heading(calibration: FitResult) -> str:
     """What was left out of the fit, and of how many."""
-    read = readings_of(calibration.measured or calibration.data)
+    read = readings_of(calibration.read)
     return f"Left out of the fit and of its figures, or mended, as outliers: {len(calibration.outliers)} of {read} readings"
 
 
