@@ -230,3 +230,11 @@ def test_readings_of_one_pose_are_no_cluster(robots: dict[str, Robot]) -> None:
     again = data.subset(rows)
     again = replace(again, readings=tuple(replace(reading, values=reading.values + own) for reading in again.readings))
     assert worst_clusters(fit(robot, again)) == []
+
+
+def test_test_poses_may_be_read_by_one_sensor_alone(robots: dict[str, Robot]) -> None:
+    """Orientations alone, of a robot that was fitted to whole poses, are judged and are no fault of it."""
+    robot, data = points(robots, 60, "pose")
+    turned = data.subset(np.arange(40, 60))
+    turned = replace(turned, readings=tuple(own for own in turned.readings if own.sensor == "orientation"))
+    assert fit(robot, data.subset(np.arange(40)), test=turned).verdict.use == "yes"

@@ -200,7 +200,7 @@ def pose_distances(found: FitResult) -> tuple[Vector, Vector]:
     each = next(_held_out(found), None) or next(_fitted(found))
     unit, columns = _main(found, each.calibrated)
     sizes = [_distances(each, one)[:, columns] / UNITS[unit] for one in (each.calibrated, each.nominal)]
-    return np.asarray(np.max(sizes[0], axis=1)), np.asarray(np.max(sizes[1], axis=1))
+    return np.asarray(np.max(sizes[0], axis=1, initial=0.0)), np.asarray(np.max(sizes[1], axis=1, initial=0.0))
 
 
 def _distances(each: _Set, one: Linearisation) -> Matrix:
