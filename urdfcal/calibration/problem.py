@@ -9,8 +9,8 @@ two, in the measuring frame's axes at the measuring frame's origin:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,16 +18,18 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
+from urdfcal.calibration.disturbances import progress, rig_columns
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import CHUNK, ArmKinematics, ArmMotion, motion_at
+from urdfcal.model.rig_terms import Rig
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
 from urdfcal.sensors.registry import SENSORS
-from urdfcal.sensors.sensor import Sensor, View
+from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
@@ -45,6 +47,7 @@ class Channel:
         frame: Index of the frame that it is seen from; None for the chain's base.
         errors: The error model.
         block: What tables and gates take it for, with its numbers among those of a pose.
+        at: Progress of each of the rig's courses, (n,).
     """
 
     readings: Readings
@@ -53,6 +56,7 @@ class Channel:
     frame: int | None
     errors: ErrorModel
     block: Block
+    at: Mapping[str, Vector] = field(default_factory=dict)
 
     @cached_property
     def values(self) -> Matrix:
@@ -101,7 +105,8 @@ class Channel:
         measured = self.readings.measured[rows]
         if not measured.any():
             return
-        look = self.sensor.look(self.view(motion, rows, x), self.values[rows])
+        view = self.view(motion, rows, x)
+        look = self.sensor.look(view, self.values[rows])
         by_parameter, by_joint = seen_twists(self.errors.chain, motion, placed, self.target, self.frame)
         jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
         jacobian = jac2 @ by_parameter
@@ -110,13 +115,23 @@ class Channel:
             pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
             by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
             jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        own = self.block.columns
-        linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
+        residual, own = look.residual, self.block.columns
+        if self.errors.rig is not None:
+            residual = residual - self._disturbed(self.errors.rig, view, look, measured, rows, x, jacobian)
+        linearisation.residual[rows, own] = residual if measured.all() else np.where(measured, residual, 0.0)
         linearisation.jacobian[rows, own] = jacobian
         if linearisation.joint_jacobian.shape[2]:
             linearisation.joint_jacobian[rows, own] = jac2 @ by_joint
         if look.lost is not None:
             linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+
+    def _disturbed(self, rig: Rig, view: View, look: Look, measured: Mask, rows: Rows, x: Vector, jacobian: Array3) -> Matrix:
+        """By how much more the rig makes this read at x, (n, k); its columns go into the Jacobian."""
+        at = {name: course[rows] for name, course in self.at.items()}
+        columns = np.where(measured[..., None], rig_columns(rig, self.sensor, view, look, self.values[rows], at), 0.0)
+        own = [self.errors.names.index(term.name) for term in rig.terms]
+        jacobian[:, :, own] += columns
+        return np.asarray(columns @ x[own])
 
 
 @dataclass(frozen=True)
@@ -151,13 +166,14 @@ class Problem:
 
     def _channels(self) -> Iterator[Channel]:
         chain, data, first = self.errors.chain, self.data, 0
+        at = progress(data, self.errors.rig.courses) if self.errors.rig is not None else {}
         for reading in data.readings:
             sensor = SENSORS[reading.sensor].with_camera(data.camera)
             name = reading.link if reading.link in data.boards else reading.target
             columns = slice(first, first + sensor.numbers)
             block = Block(f"{name} {sensor.title}".strip(), columns, data.kinds.index(sensor.noise), sensor.words.unit)
             target = chain.frame_index("laser" if sensor.beam else "target", reading.target)
-            yield Channel(reading, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block)
+            yield Channel(reading, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block, at)
             first = columns.stop
 
     @cached_property

@@ -20,6 +20,7 @@ from urdfcal.estimation.prior import Prior
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.gravity import WeighedRobot
 from urdfcal.model.parameters import SESSION_KINDS, Kind, Parameter, PriorScale
+from urdfcal.model.rig_terms import Course, Rig, RigTerm
 from urdfcal.model.slots import Slot
 from urdfcal.model.softness import Softness, Term, Yielding
 from urdfcal.robot.chain import Chain, Step
@@ -62,6 +63,7 @@ class ErrorModel:
         planes: Of each touched plane a nominal normal and two tangents, as columns (3, 3), in the measuring frame.
         soft: How joints give way with the pose, if they do: the parameters of kind `soft`.
         earlier: What an earlier calibration decided of some of the joints, and of others that follow them.
+        rig: What the rig does beside standing still, if it does: the parameters of kind `rig`.
         known: Names of what the user says is known, which is more than that it is not estimated.
         held_sum: Weights of a sum of parameters that is held at zero: the arm's scale, where nothing tells it.
     """
@@ -75,6 +77,7 @@ class ErrorModel:
     planes: Mapping[str, Matrix] = field(default_factory=dict)
     held_sum: Mapping[str, float] = field(default_factory=dict)
     soft: Softness | None = None
+    rig: Rig | None = None
     earlier: EarlierJoints | None = None
     known: frozenset[str] = frozenset()
 
@@ -340,3 +343,10 @@ def with_softness(errors: ErrorModel, terms: Sequence[Term], weighed: WeighedRob
     soft = tuple(Parameter(term.name, term.unit, "soft", 0.0, term.sigma) for term in terms)
     rigid = tuple(parameter for parameter in errors.parameters if parameter.kind != "soft")
     return replace(errors, parameters=(*rigid, *soft), soft=Softness(errors.chain, tuple(terms), weighed, carrier))
+
+
+def with_rig(errors: ErrorModel, terms: Sequence[RigTerm], courses: Mapping[str, Course]) -> ErrorModel:
+    """An error model with what the rig does beside standing still, what it had of that included."""
+    more = tuple(Parameter(term.name, term.unit, "rig", 0.0, term.sigma) for term in terms)
+    before = errors.rig or Rig((), {})
+    return replace(errors, parameters=(*errors.parameters, *more), rig=Rig((*before.terms, *terms), {**before.courses, **courses}))

@@ -12,7 +12,7 @@ from urdfcal.base.geometry import DEG, MM
 
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
 
-Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera"]
+Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera", "rig"]
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "place": PriorScale(1.0, 1.0),
     "soft": PriorScale(1e-3, 1e-3),
     "camera": PriorScale(5 * MM, 0.5 * DEG),
+    "rig": PriorScale(1 * MM, 1e-3),
 }
 SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
 INSTRUMENTS = ("reference", "target", "place")  # what moves no beam

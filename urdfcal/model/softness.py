@@ -130,6 +130,8 @@ class Softness:
                 basis[:, number] = wave(order * q[:, inputs[name]])
             elif what == "scale":
                 basis[:, number] = q[:, inputs[name]]
+            elif what.startswith("turn"):
+                basis[:, number] = 1.0
         return basis
 
     @cached_property
@@ -174,6 +176,16 @@ def extra_terms(chain: Chain, wanted: Sequence[str]) -> tuple[Term, ...]:
         terms += [Term(f"{joint.name}.scale", index, None, SCALE, unit="")] if "scale" in wanted else []
         terms += [Term(f"{joint.name}.{wave}", index, None, ECCENTRICITY) for wave in _HARMONICS] if turns else []
         terms += [Term(f"{joint.name}.approach", index, None, APPROACH, unit=unit)] if "approach" in wanted else []
+    return tuple(terms)
+
+
+def unit_terms(chain: Chain) -> tuple[Term, ...]:
+    """Each moving joint turned about its own axis, or slid along it, and about the two across it, by one whatever the pose."""
+    terms: list[Term] = []
+    for index, step in enumerate(chain.moving):
+        name, axes = step.joint.name, across(np.array(step.joint.axis))
+        terms.append(Term(f"{name}.turn", index, None, 1.0))
+        terms += [Term(f"{name}.turn_{number}", index, own, 1.0) for number, own in enumerate(axes, start=1)]
     return tuple(terms)
 
 

@@ -18,6 +18,8 @@ from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
 from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
 
+_OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
+
 
 @dataclass(frozen=True)
 class Measurements:
@@ -40,6 +42,9 @@ class Measurements:
         boards: Links that are boards, with the grids of their corners.
         camera: What pixels were read with: a `sensors.camera.Camera`.
         approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
+        time: When each pose was measured, (n,), [s]; None where nothing is said.
+        temperature: Of the arm at each pose, (n,), [degC]; None where nothing is said.
+        order: Which of the poses was measured first, second ..., (n,); as they stand by default.
     """
 
     joints: tuple[str, ...]
@@ -58,9 +63,14 @@ class Measurements:
     approach: Matrix | None = None
     camera: Any = None
     boards: Mapping[str, Grid] = field(default_factory=dict)
+    time: Vector | None = None
+    temperature: Vector | None = None
+    order: Vector | None = None
 
     def __post_init__(self) -> None:
         n = len(self.q)
+        if self.order is None:
+            object.__setattr__(self, "order", np.arange(n, dtype=float))
         expected = {"q": (n, len(self.joints)), "poses": (n,), "sets": (n,), "sessions": (n,)}
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
@@ -84,6 +94,13 @@ class Measurements:
         """Index of the pose that each row is a reading of, (n,): joints, session, payload, approach and what was touched agree."""
         payload = np.zeros(len(self)) if self.payload is None else np.nan_to_num(self.payload)
         return same_poses(self.q, codes(self.sessions, payload, *(own.labels for own in self.readings if own.touched)), self.approach)
+
+    @property
+    def clock(self) -> Vector:
+        """When each pose was measured, (n,): [s] where it is said, else counted in poses."""
+        clock = self.order if self.time is None else self.time
+        assert clock is not None
+        return clock
 
     @cached_property
     def configuration_of(self) -> npt.NDArray[np.intp]:
@@ -170,7 +187,7 @@ class Measurements:
         readings = tuple(reading.subset(index) for reading in self.readings)
         left = {place.name for reading in readings for place in reading.places}
         lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
-        per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in ("payload", "approach")}
+        per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in _OF_A_POSE}
         return replace(
             self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=()
         )

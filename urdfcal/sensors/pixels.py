@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.sensors.sensor import Change, Look, Quantity, Sensor, View, Words, point_jacobian, require_pair
+from urdfcal.sensors.sensor import (
+    Change,
+    Disturbance,
+    Look,
+    Quantity,
+    Sensor,
+    View,
+    Words,
+    bent_by_a_lens,
+    point_jacobian,
+    require_pair,
+)
 
 PIXEL_WORDS = Words("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0)
+
+_LENS = (5e-3, 1e-3)  # residual distortion of a lens that was calibrated, at a slope of one
 
 
 class PixelSensor(Sensor):
@@ -44,6 +58,12 @@ class PixelSensor(Sensor):
         """See the base class."""
         pixels: Matrix = self.camera.project(view.p)
         return pixels
+
+    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+        """See the base class: what the lens does beyond its calibration."""
+        focal, centre = np.diag(self.camera.matrix)[:2], self.camera.matrix[:2, 2]
+        bent = bent_by_a_lens(*((values - centre) / focal).T, _LENS, "")
+        return (replace(bent, columns=bent.columns * focal[:, None]),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""

@@ -135,6 +135,25 @@ class Look:
     lost: Mask | None = None
 
 
+@dataclass(frozen=True)
+class Disturbance:
+    """What an instrument may do to all of its readings alike, as far as it is known what: linear in a few numbers.
+
+    Attributes:
+        what: `screen_bow`, `lens` or `readings_scale`.
+        names: Of the numbers.
+        unit: Of the numbers: `1/m`, `1/m^2` or the empty string.
+        sigma: How large each of them usually is, a standard deviation.
+        columns: What is read more per unit of each, (n, k, numbers).
+    """
+
+    what: str
+    names: tuple[str, ...]
+    unit: str
+    sigma: tuple[float, ...]
+    columns: Array3
+
+
 class Sensor:
     """One kind of measurement.
 
@@ -198,6 +217,10 @@ class Sensor:
     def predicted(self, view: View) -> Matrix:
         """Where the robot has what is read, as a point of the measuring frame, (n, 3), [m]; nan where it has it nowhere."""
         return view.p
+
+    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+        """What an instrument of this kind may do to all of its readings, at some poses."""
+        return ()
 
     def shown(self, view: View, values: Matrix) -> Matrix:
         """Where readings (n, stored) have it, (n, 3), [m]; what they do not say is taken from the prediction."""
@@ -295,6 +318,27 @@ class Sensor:
     def drawn_at(self, view: View, values: Matrix) -> Matrix | None:
         """Where a map has its readings, along the axes of the residual, (n, k), [m]; None where they say nothing of it."""
         return None
+
+
+def wrong_scale(values: Matrix) -> Disturbance:
+    """Lengths that are all too long by the same share, (n, k)."""
+    return Disturbance("readings_scale", ("scale",), "", (1e-3,), values[:, :, None])
+
+
+def bent_by_a_lens(y: Vector, z: Vector, sigma: tuple[float, float], unit: str) -> Disturbance:
+    """What is left of a lens's distortion in a picture or a plane: radial, and tangential as of a centre that is elsewhere.
+
+    After Brown: (y, z) r^2 k, and p_1 (2 y z, r^2 + 2 z^2) + p_2 (r^2 + 2 y^2, 2 y z).
+
+    Args:
+        y, z: Where it was read, (n,).
+        sigma: Usual size of k, and of p_1 and p_2.
+        unit: Of k.
+    """
+    square, twice = y**2 + z**2, 2 * y * z
+    radial, first = np.stack([y * square, z * square], axis=1), np.stack([twice, square + 2 * z**2], axis=1)
+    columns = np.stack([radial, first, np.stack([square + 2 * y**2, twice], axis=1)], axis=2)
+    return Disturbance("lens", ("radial", "tangential_1", "tangential_2"), unit, (sigma[0], sigma[1], sigma[1]), columns)
 
 
 def point_jacobian(p: Matrix) -> Array3:

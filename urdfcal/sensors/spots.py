@@ -26,7 +26,19 @@ from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Place
 from urdfcal.sensors.pixels import PixelSensor
-from urdfcal.sensors.sensor import Change, Look, Quantity, Sensor, View, Words, require_pair, wrong_lengths
+from urdfcal.sensors.sensor import (
+    Change,
+    Disturbance,
+    Look,
+    Quantity,
+    Sensor,
+    View,
+    Words,
+    bent_by_a_lens,
+    require_pair,
+    wrong_lengths,
+    wrong_scale,
+)
 
 _ON_SCREEN = {
     "y and z of the spots swapped": [[0, 1], [1, 0]],
@@ -167,6 +179,9 @@ def _predicted_spots(view: View) -> Matrix:
     return np.where(beams.meets_plainly, _on_screen(beams.spots[:, 0]), np.nan)
 
 
+_BOW, _LENS = 4e-3, (8e-3, 4e-3)  # [1/m], [1/m^2]: a millimetre half a metre from the midst
+
+
 class SpotSensor(Sensor):
     """A laser's spot in metres on the screen, h = (y, z)."""
 
@@ -216,6 +231,20 @@ class SpotSensor(Sensor):
     def drawn_at(self, view: View, values: Matrix) -> Matrix:
         """See the base class."""
         return values
+
+    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+        """See the base class: a screen that is bowed, what saw the spots on it, and its scale."""
+        return (_bow(view, values), bent_by_a_lens(values[:, 0], values[:, 1], _LENS, "1/m^2"), wrong_scale(values))
+
+
+def _bow(view: View, spots: Matrix) -> Disturbance:
+    """A screen at x = b_yy y^2 + b_yz y z + b_zz z^2: a beam along d meets it farther along by x / d_x."""
+    y, z = spots.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lean = view.R[:, 1:, 2] / view.R[:, :1, 2]
+    depth = np.stack([y**2, y * z, z**2], axis=1)
+    columns = np.where(np.isfinite(lean), lean, 0.0)[:, :, None] * depth[:, None]
+    return Disturbance("screen_bow", ("bow_yy", "bow_yz", "bow_zz"), "1/m", (_BOW,) * 3, columns)
 
 
 def _turned(matrix: Matrix, spots: Matrix) -> Matrix:

@@ -16,6 +16,7 @@ from urdfcal.sensors.conventions import orientation_mistakes
 from urdfcal.sensors.sensor import (
     CellFault,
     Change,
+    Disturbance,
     Draw,
     Draws,
     FoundPlace,
@@ -27,6 +28,7 @@ from urdfcal.sensors.sensor import (
     Words,
     point_jacobian,
     wrong_lengths,
+    wrong_scale,
 )
 
 QUATERNION = ("qx", "qy", "qz", "qw")
@@ -71,6 +73,10 @@ class PointSensor(Sensor):
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Any of the three may be missing."""
         return ~np.isnan(values)
+
+    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+        """See the base class."""
+        return (wrong_scale(values),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class; the frame stands anywhere, so that swapped axes are the same as one that was mirrored."""
@@ -195,6 +201,10 @@ class DistanceSensor(Sensor):
     def read(self, view: View) -> Matrix:
         """See the base class."""
         return np.asarray(np.linalg.norm(view.p - view.place, axis=1)[:, None])
+
+    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+        """See the base class."""
+        return (wrong_scale(values),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""

@@ -1,0 +1,237 @@
+"""Ask the residuals of a fit what its model lacks: one score test for everything that robots and rigs are known to do.
+
+Each question is about a few columns. What the arm does turns joints, so its columns are those of a joint turned by one, times what it
+goes with: gravity's moments, sin q and cos q, q itself, the direction of the last move. What the rig does is `disturbances.py`'s.
+Answers come strongest first; each is taken into account before the next is looked for, since one that is large leaves traces in all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.geometry import Array3, Matrix
+from urdfcal.calibration.disturbances import courses_of, disturbances, progress
+from urdfcal.calibration.problem import Problem
+from urdfcal.calibration.richer import usual_range
+from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.score import Fitted, Score
+from urdfcal.model.error_model import with_softness
+from urdfcal.model.gravity import Gravity, WeighedRobot
+from urdfcal.model.rig_terms import RigTerm
+from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms, unit_terms
+from urdfcal.robot.robot import Robot
+
+NAMED = 5.0  # [nats] from which an answer is told
+_MOST = 6  # answers
+CYCLES = np.arange(3, 201)  # a turn of a joint, at which gears are looked for
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Question:
+    """Columns that are asked about together.
+
+    Attributes:
+        what: What would cause them.
+        where: The joint; the empty string where it is of all of them, or of the rig.
+        columns: Which they are.
+        price: Log of how many questions of this sort there are.
+    """
+
+    what: str
+    where: str
+    columns: Rows
+    price: float = 0.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What stands out.
+
+    Attributes:
+        what, where: As of the question.
+        gain: Log evidence, [nats].
+        columns: Whitened, in units of the size that the data give them, (N, k).
+        rig: Terms of the rig that it is; none where the arm does it.
+        cycles: A turn of the joint, of a gear's harmonic.
+    """
+
+    what: str
+    where: str
+    gain: float
+    columns: Matrix = field(repr=False)
+    rig: tuple[RigTerm, ...] = ()
+    cycles: int = 0
+
+
+@dataclass(frozen=True)
+class Interview:
+    """A fit, and everything that may be asked of it.
+
+    Attributes:
+        robot: The nominal robot, as it was measured.
+        model: The fit's problem.
+        estimate: The fit.
+        gravity: Where down is, and what is carried.
+    """
+
+    robot: Robot
+    model: Problem
+    estimate: Estimate
+    gravity: Gravity = field(default_factory=Gravity)
+
+    def answers(self, least: float = NAMED) -> list[Answer]:
+        """What stands out, strongest first."""
+        fitted, found = self.fitted, []
+        while len(found) < _MOST:
+            best = max(self._asked(fitted), key=lambda answer: answer.gain)
+            if best.gain < least:
+                break
+            fitted = fitted.beside(best.columns)
+            found.append(best)
+        return found
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """At the estimate."""
+        return self.model.linearise(self.estimate.belief.x)
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """The fit before any question."""
+        errors = self.model.errors
+        prior = Belief.independent(errors.mean, errors.sigma)
+        return Fitted.of(self.linearisation, self.estimate.noise, self.estimate.belief.x, prior)
+
+    def _asked(self, fitted: Fitted) -> Iterator[Answer]:
+        """The best answer to each sort of question."""
+        columns, questions, terms = self._columns
+        score = fitted.asked(columns)
+        answers: dict[str, tuple[float, Score, Question]] = {}
+        for question in questions:
+            own = score.part(question.columns)
+            gain = own.gain - question.price
+            if question.what not in answers or gain > answers[question.what][0]:
+                answers[question.what] = gain, own, question
+        for what, (gain, own, question) in answers.items():
+            rig = tuple(terms[column] for column in question.columns if column in terms)
+            yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig)
+        yield from self._gears(fitted)
+
+    @cached_property
+    def _columns(self) -> tuple[Matrix, list[Question], dict[int, RigTerm]]:
+        """All columns whitened, (N, k), the questions about them, and which of them are the rig's."""
+        arm, arm_questions = self._of_arm
+        rig, terms = self._of_rig
+        first = arm.shape[2]
+        questions = [*arm_questions, *_rig_questions(terms, first)]
+        raw = np.concatenate([arm, rig], axis=2)
+        return self._whitened(raw), questions, {first + number: term for number, term in enumerate(terms)}
+
+    def _whitened(self, columns: Array3) -> Matrix:
+        """Columns (poses, m, k) in units of the noise, (N, k); what is known beforehand has none."""
+        padded = np.zeros((*self.linearisation.residual.shape, columns.shape[2]))
+        padded[: len(columns)] = columns
+        padded *= np.asarray(self.linearisation.measured)[..., None]
+        return self.estimate.noise.weights(self.linearisation).jacobian(replace(self.linearisation, jacobian=padded))
+
+    @cached_property
+    def turns(self) -> tuple[Array3, tuple[Term, ...]]:
+        """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
+        terms = unit_terms(self.robot.chain)
+        errors = with_softness(self.model.errors, terms, self._weighed, self.robot.rig.tip)
+        x = np.concatenate([self.estimate.belief.x, np.zeros(len(terms))])
+        linearised = Problem(errors, self.model.data).linearise(x)
+        return linearised.jacobian[: len(self.model.data), :, len(self.estimate.belief.x) :], terms
+
+    @cached_property
+    def _weighed(self) -> WeighedRobot:
+        return WeighedRobot(self.robot, self.gravity)
+
+    @cached_property
+    def _of_arm(self) -> tuple[Array3, list[Question]]:
+        """Columns (n, m, k) of what the arm may do, in units of their usual sizes, and the questions about them."""
+        chain, data = self.robot.chain, self.model.data
+        extras = [extra for extra in EXTRAS if extra != "approach" or data.approach is not None]
+        terms = (*gravity_terms(chain, self._weighed.moments(usual_range(self.robot, data))), *extra_terms(chain, extras))
+        basis = Softness(chain, terms, self._weighed, self.robot.rig.tip).basis(data.q, data.payload, data.approach)
+        turned, units = self.turns
+        unit = {(term.joint, term.axis): number for number, term in enumerate(units)}
+        own = [unit[term.joint, term.axis] for term in terms]
+        columns = turned[:, :, own] * (basis * [term.sigma for term in terms])[:, None]
+        return columns, list(_arm_questions(terms))
+
+    @cached_property
+    def _of_rig(self) -> tuple[Array3, list[RigTerm]]:
+        """Columns (n, m, k) of what the rig may do, in units of their usual sizes, and its terms."""
+        data = self.model.data
+        at, x = progress(data, courses_of(data)), self.estimate.belief.x
+        places: dict[str, int] = {}
+        terms: list[RigTerm] = []
+        found: list[tuple[slice, int, Matrix]] = []
+        for channel, view in zip(self.model.channels, self.model.views(x), strict=True):
+            look = channel.sensor.look(view, channel.values)
+            for moved in disturbances(channel.sensor, view, look, channel.values, at):
+                if moved.term.name not in places:
+                    places[moved.term.name] = len(terms)
+                    terms.append(moved.term)
+                found.append((channel.block.columns, places[moved.term.name], moved.column * moved.term.sigma))
+        columns = np.zeros((len(data), self.linearisation.residual.shape[1], len(terms)))
+        for numbers, place, column in found:
+            columns[:, numbers, place] = column
+        return np.where(np.isfinite(columns), columns, 0.0), terms
+
+    def _gears(self, fitted: Fitted) -> Iterator[Answer]:
+        """The best harmonic of any joint's gear."""
+        inputs = {joint.name: index for index, joint in enumerate(self.robot.chain.inputs)}
+        turned, units = self.turns
+        whitened = self._whitened(turned)
+        best: tuple[float, Score, str, int, Matrix] | None = None
+        for number, term in enumerate(units):
+            joint = self.robot.chain.moving[term.joint].joint
+            if term.axis is not None or joint.name not in inputs or joint.prismatic:
+                continue
+            q = np.zeros(len(self.linearisation.residual))
+            q[: len(self.model.data)] = self.model.data.q[:, inputs[joint.name]]
+            angles = np.repeat(q, self.linearisation.residual.shape[1])[:, None] * CYCLES
+            waves = np.stack([np.sin(angles), np.cos(angles)], axis=1) * (whitened[:, number] * _GEAR)[:, None, None]
+            for cycles, score in zip(CYCLES.tolist(), fitted.asked_in_pairs(waves), strict=True):
+                if best is None or score.gain > best[0]:
+                    best = score.gain, score, joint.name, cycles, waves[:, :, cycles - CYCLES[0]]
+        if best is not None:
+            gain, score, joint_name, cycles, columns = best
+            yield Answer("harmonics", joint_name, gain - np.log(len(CYCLES) * len(inputs)), columns * score.size, cycles=cycles)
+
+
+_GEAR = 0.2e-3  # [rad] that gears usually err by
+_HARMONIC_SORTS = (("ecc_sin", "ecc_cos"), ("ecc_sin2", "ecc_cos2"))
+_SORTS = {"sag": "sag", "sag_1": "sag", "sag_2": "sag", "scale": "scale", "approach": "approach"}
+_SORTS |= {name: "eccentricity" for sort in _HARMONIC_SORTS for name in sort}
+
+
+def _arm_questions(terms: Sequence[Term]) -> Iterator[Question]:
+    """About all joints at once, and about each of them."""
+    names = [term.name.rpartition(".") for term in terms]
+    for what in dict.fromkeys(_SORTS.values()):
+        own = np.array([number for number, (_, _, name) in enumerate(names) if _SORTS[name] == what], dtype=np.intp)
+        joints = list(dict.fromkeys(names[number][0] for number in own))
+        sorts = [own] if what != "eccentricity" else [own, *([n for n in own if names[n][2] in sort] for sort in _HARMONIC_SORTS)]
+        asked = [("", np.array(columns, dtype=np.intp)) for columns in sorts if len(columns)]
+        if what != "sag":
+            asked += [(joint, np.array([n for n in columns if names[n][0] == joint])) for joint in joints for columns in sorts]
+        for where, columns in asked:
+            yield Question(what, where, columns, float(np.log(2 * (len(sorts) if not where else len(joints) * len(sorts)))))
+
+
+def _rig_questions(terms: Sequence[RigTerm], first: int) -> Iterator[Question]:
+    """About each thing that a rig may do; what wanders is a drift, too."""
+    for what in dict.fromkeys(term.what for term in terms):
+        columns = np.array([first + number for number, term in enumerate(terms) if term.what == what], dtype=np.intp)
+        yield Question("drift" if what == "wander" else what, "", columns, float(np.log(2)) if what in ("drift", "wander") else 0.0)
