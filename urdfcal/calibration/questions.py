@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Matrix
+from urdfcal.base.geometry import DEG, Array3, Matrix, Vector
 from urdfcal.calibration.disturbances import courses_of, disturbances, progress
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.richer import usual_range
@@ -61,6 +61,8 @@ class Answer:
         columns: Whitened, in units of the size that the data give them, (N, k).
         rig: Terms of the rig that it is; none where the arm does it.
         cycles: A turn of the joint, of a gear's harmonic.
+        noise: Of a noise, roots of the inverse covariance of each row's numbers beside their own, (rows, m, m).
+        joint_sigma: Noise of the joints' readings that it is, [rad].
     """
 
     what: str
@@ -69,6 +71,8 @@ class Answer:
     columns: Matrix = field(repr=False)
     rig: tuple[RigTerm, ...] = ()
     cycles: int = 0
+    noise: Array3 | None = field(default=None, repr=False)
+    joint_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,12 +93,12 @@ class Interview:
 
     def answers(self, least: float = NAMED) -> list[Answer]:
         """What stands out, strongest first."""
-        fitted, found = self.fitted, []
+        fitted, found = self.fitted, list[Answer]()
         while len(found) < _MOST:
             best = max(self._asked(fitted), key=lambda answer: answer.gain)
             if best.gain < least:
                 break
-            fitted = fitted.beside(best.columns)
+            fitted = fitted.beside(best.columns) if best.noise is None else fitted.spread(best.noise)
             found.append(best)
         return found
 
@@ -124,6 +128,26 @@ class Interview:
             rig = tuple(terms[column] for column in question.columns if column in terms)
             yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig)
         yield from self._gears(fitted)
+        if fitted.roots is None and not self.estimate.noise.of_joints:
+            yield self._joint_noise(fitted)
+
+    def _joint_noise(self, fitted: Fitted) -> Answer:
+        """Readings of all turning joints that are noisy by one standard deviation."""
+        turned, units = self.turns
+        inputs = {joint.name for joint in self.robot.chain.inputs}
+        joints = [self.robot.chain.moving[term.joint].joint for term in units]
+        own = [i for i, (t, j) in enumerate(zip(units, joints, strict=True)) if t.axis is None and j.name in inputs and not j.prismatic]
+        rows, m = self.linearisation.residual.shape
+        reach = self._whitened(turned)[:, own].reshape(rows, m, len(own))
+        V = reach @ reach.transpose(0, 2, 1)
+        tried = []
+        for sigma in _JOINT_SIGMAS:
+            values, vectors = np.linalg.eigh(np.eye(m) + sigma**2 * V)
+            roots = (vectors / np.sqrt(values)[:, None]) @ vectors.transpose(0, 2, 1)
+            gain = fitted.spread(roots).log_evidence - 0.5 * float(np.sum(np.log(values))) - fitted.log_evidence
+            tried.append((gain, float(sigma), roots))
+        gain, sigma, roots = max(tried, key=lambda each: each[0])
+        return Answer("joint_noise", "", gain - float(np.log(len(tried))), np.empty((rows * m, 0)), noise=roots, joint_sigma=sigma)
 
     @cached_property
     def _columns(self) -> tuple[Matrix, list[Question], dict[int, RigTerm]]:
@@ -190,26 +214,35 @@ class Interview:
 
     def _gears(self, fitted: Fitted) -> Iterator[Answer]:
         """The best harmonic of any joint's gear."""
+        best: tuple[float, Answer] | None = None
+        for joint, column, one, other in self._gear_waves:
+            pairs = fitted.asked_in_pairs(column, one, other)
+            score = pairs.score(pairs.best)
+            if best is None or score.gain > best[0]:
+                waves = np.stack([own[:, pairs.best] for own in (one, other)], axis=1) * score.size
+                columns = (column.reshape(len(one), -1, 1) * waves[:, None]).reshape(-1, 2)
+                price = float(np.log(len(CYCLES) * len(self._gear_waves)))
+                best = score.gain, Answer("harmonics", joint, score.gain - price, columns, cycles=int(CYCLES[pairs.best]))
+        if best is not None:
+            yield best[1]
+
+    @cached_property
+    def _gear_waves(self) -> list[tuple[str, Vector, Matrix, Matrix]]:
+        """Of each turning joint its name, its whitened column (N,), and sin and cos of its angle times CYCLES, (rows, cycles)."""
         inputs = {joint.name: index for index, joint in enumerate(self.robot.chain.inputs)}
         turned, units = self.turns
-        whitened = self._whitened(turned)
-        best: tuple[float, Score, str, int, Matrix] | None = None
+        whitened, found = self._whitened(turned), []
         for number, term in enumerate(units):
             joint = self.robot.chain.moving[term.joint].joint
-            if term.axis is not None or joint.name not in inputs or joint.prismatic:
-                continue
-            q = np.zeros(len(self.linearisation.residual))
-            q[: len(self.model.data)] = self.model.data.q[:, inputs[joint.name]]
-            angles = np.repeat(q, self.linearisation.residual.shape[1])[:, None] * CYCLES
-            waves = np.stack([np.sin(angles), np.cos(angles)], axis=1) * (whitened[:, number] * _GEAR)[:, None, None]
-            for cycles, score in zip(CYCLES.tolist(), fitted.asked_in_pairs(waves), strict=True):
-                if best is None or score.gain > best[0]:
-                    best = score.gain, score, joint.name, cycles, waves[:, :, cycles - CYCLES[0]]
-        if best is not None:
-            gain, score, joint_name, cycles, columns = best
-            yield Answer("harmonics", joint_name, gain - np.log(len(CYCLES) * len(inputs)), columns * score.size, cycles=cycles)
+            if term.axis is None and joint.name in inputs and not joint.prismatic:
+                q = np.zeros(len(self.linearisation.residual))
+                q[: len(self.model.data)] = self.model.data.q[:, inputs[joint.name]]
+                angles = q[:, None] * CYCLES
+                found.append((joint.name, whitened[:, number] * _GEAR, np.sin(angles), np.cos(angles)))
+        return found
 
 
+_JOINT_SIGMAS = np.array([0.005, 0.01, 0.02, 0.04, 0.08]) * DEG
 _GEAR = 0.2e-3  # [rad] that gears usually err by
 _HARMONIC_SORTS = (("ecc_sin", "ecc_cos"), ("ecc_sin2", "ecc_cos2"))
 _SORTS = {"sag": "sag", "sag_1": "sag", "sag_2": "sag", "scale": "scale", "approach": "approach"}

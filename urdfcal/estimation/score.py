@@ -18,7 +18,7 @@ One that stands out explains some of what others seem to. So it goes into H, wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -44,11 +44,13 @@ class Fitted:
         H: Jacobian, (N, p), by the parameters in units of their prior sigmas.
         y: Data less what the prior expects, (N,).
         numbers: How many numbers decide the noise; none where it is stated.
+        roots: What whitens further columns once more, (rows, m, m), where noise was added since; None where none was.
     """
 
     H: Matrix
     y: Vector
     numbers: int
+    roots: Array3 | None = None
 
     @staticmethod
     def of(linearisation: Linearisation, noise: Noise, x: Vector, prior: Belief) -> Fitted:
@@ -58,9 +60,22 @@ class Fitted:
         y = weights.residual(linearisation) + H @ ((x - prior.x) / sigma)
         return Fitted(H, y, 0 if noise.all_stated else linearisation.count)
 
+    def spread(self, roots: Array3) -> Fitted:
+        """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
+        return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)
+
+    def _spread(self, columns: Matrix) -> Matrix:
+        return columns if self.roots is None else rows_times(self.roots, columns)
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """Of the data, less what their whitening adds and a constant."""
+        volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
+        return -0.5 * (self.numbers * float(np.log(self.total)) if self.numbers else self.total) - 0.5 * volume
+
     def beside(self, B: Matrix) -> Fitted:
         """The same fit with whitened columns in it, in units of their prior sigmas."""
-        return replace(self, H=np.column_stack([self.H, B]))
+        return replace(self, H=np.column_stack([self.H, self._spread(B)]))
 
     @cached_property
     def P(self) -> Matrix:
@@ -79,17 +94,22 @@ class Fitted:
 
     def asked(self, B: Matrix) -> Score:
         """What the residual says of some whitened columns, (N, k)."""
+        B = self._spread(B)
         through = self.H.T @ B
         F = B.T @ B - through.T @ self.P @ through
         return Score(B.T @ self.r, (F + F.T) / 2, self.total, self.numbers)
 
-    def asked_in_pairs(self, columns: Array3) -> Iterator[Score]:
-        """The same of many pairs of whitened columns, (N, 2, pairs), each pair by itself."""
-        through = np.einsum("np,nck->pck", self.H, columns, optimize=True)
-        s = np.einsum("n,nck->kc", self.r, columns, optimize=True)
-        F = np.einsum("nck,ndk->kcd", columns, columns, optimize=True) - np.einsum("pck,pq,qdk->kcd", through, self.P, through, optimize=True)
-        for own, information in zip(s, F, strict=True):
-            yield Score(own, information, self.total, self.numbers)
+    def asked_in_pairs(self, column: Vector, one: Matrix, other: Matrix) -> Pairs:
+        """The same of many pairs of columns that are one column, (N,), times waves over the rows, (rows, pairs), each pair by itself."""
+        rows = len(one)
+        column, H = self._spread(column[:, None]).reshape(rows, -1), self.H.reshape(rows, -1, self.H.shape[1])
+        left, share = np.sum(column * self.r.reshape(rows, -1), axis=1), np.sum(column**2, axis=1)
+        through = np.matmul(column[:, None], H)[:, 0]
+        s = np.stack([left @ one, left @ other], axis=1)
+        ways = np.stack([through.T @ one, through.T @ other])
+        beside = np.stack([self.P @ way for way in ways])
+        F = np.array([[share @ (a * b) for b in (one, other)] for a in (one, other)]) - np.einsum("apk,bpk->abk", ways, beside)
+        return Pairs(s, F.transpose(2, 0, 1), self.total, self.numbers)
 
 
 @dataclass(frozen=True)
@@ -113,20 +133,9 @@ class Score:
         return replace(self, s=self.s[columns], F=self.F[np.ix_(columns, columns)])
 
     @cached_property
-    def _directions(self) -> tuple[Vector, Vector]:
-        """Information and squared score along the principal directions."""
-        values, vectors = np.linalg.eigh(self.F)
-        return np.maximum(values, 0.0), (vectors.T @ self.s) ** 2
-
-    @cached_property
     def gains(self) -> Vector:
         """Log evidence for every one of SIZES."""
-        values, squares = self._directions
-        grown = SIZES[:, None] ** 2
-        explained = (grown * squares / (1 + grown * values)).sum(axis=1)
-        if self.numbers:
-            explained = -self.numbers * np.log1p(-np.minimum(explained / self.total, _NEAR_ALL))
-        return np.asarray(0.5 * (explained - np.log1p(grown * values).sum(axis=1)))
+        return gains_of(self.s, self.F, self.total, self.numbers)
 
     @property
     def gain(self) -> float:
@@ -137,3 +146,52 @@ class Score:
     def size(self) -> float:
         """How many times the usual one, by the data."""
         return float(SIZES[int(np.argmax(self.gains))])
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Many nuisances of two columns each, in units of their usual size.
+
+    Attributes:
+        s: Scores, (k, 2).
+        F: Information beside the parameters, (k, 2, 2).
+        total, numbers: As of a `Score`.
+    """
+
+    s: Matrix
+    F: Array3
+    total: float
+    numbers: int
+
+    @cached_property
+    def best(self) -> int:
+        """Which of them has the greatest gain: that of two columns, written out."""
+        (one, other), grown = self.s.T[:, :, None], SIZES**2
+        first, across, second = 1 + grown * self.F[:, :1, 0], grown * self.F[:, :1, 1], 1 + grown * self.F[:, 1:, 1]
+        volume = first * second - across**2
+        explained = grown * (second * one**2 - 2 * across * one * other + first * other**2) / volume
+        return int(np.argmax((fits_better_by(explained, self.total, self.numbers) - np.log(volume)).max(axis=1)))
+
+    def score(self, number: int) -> Score:
+        """One of them."""
+        return Score(self.s[number], self.F[number], self.total, self.numbers)
+
+
+def rows_times(roots: Array3, columns: Matrix) -> Matrix:
+    """Matrices (rows, m, m) times the numbers of each row, (rows m, k)."""
+    rows, m = roots.shape[:2]
+    return np.asarray((roots @ columns.reshape(rows, m, -1)).reshape(rows * m, -1))
+
+
+def gains_of(s: Matrix, F: Array3, total: float, numbers: int) -> Matrix:
+    """Log evidence for every one of SIZES, (..., sizes), of scores (..., k) with information (..., k, k)."""
+    values, vectors = np.linalg.eigh(F)
+    values, squares = np.maximum(values, 0.0)[..., None, :], ((vectors.swapaxes(-1, -2) @ s[..., None])[..., 0] ** 2)[..., None, :]
+    grown = SIZES[:, None] ** 2
+    explained = (grown * squares / (1 + grown * values)).sum(axis=-1)
+    return np.asarray(0.5 * (fits_better_by(explained, total, numbers) - np.log1p(grown * values).sum(axis=-1)))
+
+
+def fits_better_by(explained: Matrix, total: float, numbers: int) -> Matrix:
+    """Twice the log likelihood gained where so much of chi-squared is explained."""
+    return explained if not numbers else np.asarray(-numbers * np.log1p(-np.minimum(explained / total, _NEAR_ALL)))
