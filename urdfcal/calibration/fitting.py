@@ -10,11 +10,13 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.disturbances import courses_of
 from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
 from urdfcal.calibration.known_joints import joints_of, require_written
 from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, within_reach, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
+from urdfcal.calibration.questions import Answer, Interview, StandsOut
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
     has_spots_in_metres,
@@ -34,7 +36,7 @@ from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.estimation.robust import degrees, kind_scales, mahalanobis_squared, robust_scale
 from urdfcal.model.earlier import EarlierJoints
-from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.error_model import ErrorModel, with_rig
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions, laid_over
@@ -53,6 +55,7 @@ from urdfcal.sensors.measurements import (
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
+_MOST_ENTERED = 3  # things that a rig may do at once
 _ANY = 3.0  # degrees of freedom that tell at least whether there is more
 
 
@@ -260,8 +263,44 @@ class FitTask:
         if self.sane and not self.method.as_published:
             require_sane_readings(self.robot, errors, first.model, first.found, noise)
         clean = first.without_outliers(noise, Judge(self.robot, nominal, self.gravity))
-        scaled = self._scaled(first, clean, noise)
-        return self._result(nominal, first, clean, scaled, tuple(filter(None, (no_scale, first.message))))
+        fitted = _Asked(first, clean, self._scaled(first, clean, noise), noise)
+        if self._asks(fitted.scaled.found, clean.model.data):
+            fitted = self._with_what_pays(fitted, nominal)
+        return self._result(nominal, fitted, tuple(filter(None, (no_scale, first.message))))
+
+    def _asks(self, found: Estimate, data: Measurements) -> bool:
+        """Whether the residuals may be asked what the model lacks."""
+        return self.method.shrinks and self.evidence and found.converged and data.pose_count >= LEAST_POSES
+
+    def _with_what_pays(self, fitted: _Asked, nominal: NominalFit) -> _Asked:
+        """The same with what the rig does, or noise of the joints' readings, in the fit, one after the other while the data pay for it."""
+        gravity, tried = self.gravity or Gravity(), set[str]()
+        while True:
+            interview = Interview(self.robot, fitted.scaled_model, fitted.scaled.found, gravity)
+            answers = interview.answers()
+            fitted = replace(fitted, interview=interview, answers=tuple(answers))
+            wanted = next((answer for answer in answers if answer.of_the_rig and answer.name not in tried), None)
+            if wanted is None or len(fitted.entered) == _MOST_ENTERED:
+                return fitted
+            tried.add(wanted.name)
+            if not interview.pays(wanted, answers[: answers.index(wanted)]):
+                continue
+            richer = self._entering(fitted, wanted, nominal)
+            if richer.scaled.found.converged:
+                fitted = replace(richer, entered=(*fitted.entered, StandsOut(wanted.what, wanted.where, wanted.gain, entered=True)))
+
+    def _entering(self, fitted: _Asked, answer: Answer, nominal: NominalFit) -> _Asked:
+        """The fit from its start with an answer in it: outliers are told apart once more."""
+        noise, found = fitted.noise, fitted.scaled.found
+        if answer.joint_sigma:
+            turning = [not joint.prismatic for joint in self.robot.chain.inputs]
+            noise = replace(noise, joint_sigma=np.where(turning, answer.joint_sigma, 0.0))
+        data = fitted.first.model.data
+        errors = with_rig(fitted.first.model.errors, answer.rig, courses_of(data) if answer.rig else {})
+        start = np.concatenate([found.belief.x, np.zeros(len(answer.rig))])
+        first = _first_fit(replace(fitted.first.method, start=start), problem_of(errors, data, noise), start, noise, fitted.first.message)
+        clean = first.without_outliers(noise, Judge(self.robot, nominal, self.gravity))
+        return replace(fitted, first=first, clean=clean, scaled=self._scaled(first, clean, noise), noise=noise)
 
     def _first(self, nominal: NominalFit, data: Measurements, noise: Noise) -> _First:
         """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
@@ -290,8 +329,9 @@ class FitTask:
             refitted = replace(refitted, belief=belief, noise=refitted.noise.released(noise))
         return _Scaled(errors, replace(refitted, history=[*found.history, *refitted.history[1:]]), chosen)
 
-    def _result(self, nominal: NominalFit, first: _First, clean: CleanFit, scaled: _Scaled, said: tuple[str, ...]) -> FitResult:
-        errors, found, data = scaled.errors, scaled.found, clean.model.data
+    def _result(self, nominal: NominalFit, fitted: _Asked, said: tuple[str, ...]) -> FitResult:
+        first, clean, scaled = fitted.first, fitted.clean, fitted.scaled
+        errors, found, data = scaled.errors, fitted.widened, clean.model.data
         linearisation = clean.model.linearise(found.belief.x)
         plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
         freedom = linearisation.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
@@ -322,6 +362,7 @@ class FitTask:
                 *too_few_warning(data, found.noise, freedom),
                 *large_scales_warning(scaled.evidence),
             ),
+            stands_out=fitted.stands_out,
             misfits=dict(zip(data.kinds, _misfits(self.method, found.noise, linearisation, plain), strict=True)),
         )
         return replace(result, warnings=(*result.warnings, *disagreement_warnings(result), *large_noise_warning(result)))
@@ -380,6 +421,48 @@ class _Scaled:
     errors: ErrorModel
     found: Estimate
     evidence: Evidence | None = None
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A fit, and what its residuals answered.
+
+    Attributes:
+        first: Of everything that was measured.
+        clean: Without outliers.
+        scaled: With the prior scales that the data chose.
+        noise: As stated, or where to start.
+        interview: With its residuals; None where they were not asked.
+        answers: What stands out, and is not in the fit.
+        entered: What is.
+    """
+
+    first: _First
+    clean: CleanFit
+    scaled: _Scaled
+    noise: Noise
+    interview: Interview | None = None
+    answers: tuple[Answer, ...] = ()
+    entered: tuple[StandsOut, ...] = ()
+
+    @property
+    def scaled_model(self) -> Problem:
+        """The problem of the last fit."""
+        return replace(self.clean.model, errors=self.scaled.errors)
+
+    @property
+    def stands_out(self) -> tuple[StandsOut, ...]:
+        """Everything, strongest first."""
+        left = [StandsOut(own.what, own.where, own.gain, cycles=own.cycles) for own in self.answers]
+        return tuple(sorted((*self.entered, *left), key=lambda own: -own.gain))
+
+    @property
+    def widened(self) -> Estimate:
+        """The last fit, whose covariance knows what is not in it."""
+        found = self.scaled.found
+        if self.interview is None or not self.answers:
+            return found
+        return replace(found, belief=Belief(found.belief.x, self.interview.widened(found.belief.P, self.answers)))
 
 
 def _decided(linearisation: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:

@@ -74,6 +74,41 @@ class Answer:
     noise: Array3 | None = field(default=None, repr=False)
     joint_sigma: float = 0.0
 
+    @property
+    def of_the_rig(self) -> bool:
+        """Whether it belongs into the fit, and not into a compensation: the rig does it, or it is noise."""
+        return bool(self.rig or self.joint_sigma)
+
+    @property
+    def name(self) -> str:
+        """Which columns these are: a drift that wanders is another one."""
+        return self.rig[0].what if self.rig else f"{self.what} {self.where}"
+
+
+@dataclass(frozen=True)
+class StandsOut:
+    """Something that the residuals say the model lacks, as a result tells it.
+
+    Attributes:
+        what: `sag`, `eccentricity`, `harmonics`, `scale`, `approach`, `joint_noise`, `drift`, `temperature`, `screen_bow`, `lens`,
+            `readings_scale` or `payload`.
+        where: The joint; the empty string where it is of all of them, or of the rig.
+        gain: Log evidence for it beside all that stand before it, [nats].
+        entered: Whether it is in the fit, or in the compensation beside it.
+        cycles: A turn of the joint, of a gear's harmonic.
+    """
+
+    what: str
+    where: str
+    gain: float
+    entered: bool = False
+    cycles: int = 0
+
+    def entry(self) -> dict[str, object]:
+        """For machines."""
+        own: dict[str, object] = {"what": self.what, "where": self.where, "gain_nats": self.gain, "entered": self.entered}
+        return own | ({"cycles_a_turn": self.cycles} if self.cycles else {})
+
 
 @dataclass(frozen=True)
 class Interview:
@@ -114,6 +149,39 @@ class Interview:
         prior = Belief.independent(errors.mean, errors.sigma)
         return Fitted.of(self.linearisation, self.estimate.noise, self.estimate.belief.x, prior)
 
+    def beside(self, answers: Sequence[Answer]) -> Fitted:
+        """The fit with some answers in it."""
+        fitted = self.fitted
+        for answer in answers:
+            fitted = fitted.beside(answer.columns) if answer.noise is None else fitted.spread(answer.noise)
+        return fitted
+
+    def pays(self, answer: Answer, before: Sequence[Answer] = ()) -> bool:
+        """Whether clusters of poses that are left out in turn are the more likely for an answer, beside others."""
+        rows, folds = len(self.linearisation.residual), clustered(self.model.data.q, self.model.data.configuration_of)
+        without, given = self.beside(before), self.beside((*before, answer))
+        return given.predicted(folds, rows) > without.predicted(folds, rows)
+
+    def widened(self, P: Matrix, answers: Sequence[Answer]) -> Matrix:
+        """The covariance of a fit that does not know of what stands out, (p, p): with what that does to it.
+
+        Something B b that geometry has no word for moves the parameters by P H' B b, and leaves M B b in the residuals, as it will in
+        every reading to come. The first is added as it is, and the parameters' covariance is made as much larger as the second is than
+        what it predicts, so that predictions are off by as much as they say.
+        """
+        known = [answer for answer in answers if answer.noise is None]
+        if not known:
+            return P
+        own, fitted = self.fitted, self.beside(answers)
+        p = own.H.shape[1]
+        b, C = (fitted.P @ (fitted.H.T @ fitted.y))[p:], fitted.P[p:, p:]
+        through = own.H.T @ (B := np.column_stack([answer.columns for answer in known]))
+        second = np.outer(b, b) + C
+        left = float(np.sum((B.T @ B - through.T @ own.P @ through) * second))
+        predicted = p - float(np.trace(own.P))
+        moved = (own.P @ through) * self.model.errors.sigma[:, None]
+        return np.asarray(P * (1 + left / predicted) + moved @ second @ moved.T)
+
     def _asked(self, fitted: Fitted) -> Iterator[Answer]:
         """The best answer to each sort of question."""
         columns, questions, terms = self._columns
@@ -125,7 +193,7 @@ class Interview:
             if question.what not in answers or gain > answers[question.what][0]:
                 answers[question.what] = gain, own, question
         for what, (gain, own, question) in answers.items():
-            rig = tuple(terms[column] for column in question.columns if column in terms)
+            rig = tuple(replace(terms[n], sigma=terms[n].sigma * own.size) for n in question.columns.tolist() if n in terms)
             yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig)
         yield from self._gears(fitted)
         if fitted.roots is None and not self.estimate.noise.of_joints:
@@ -240,6 +308,31 @@ class Interview:
                 angles = q[:, None] * CYCLES
                 found.append((joint.name, whitened[:, number] * _GEAR, np.sin(angles), np.cos(angles)))
         return found
+
+
+_FOLDS = 8
+
+
+def clustered(q: Matrix, configuration_of: Rows) -> list[Rows]:
+    """Rows in clusters of neighbouring poses of about equal size: halved where they are spread most, in units of the whole spread.
+
+    Args:
+        q: Joint positions, (n, joints).
+        configuration_of: Index of the configuration of each row; rows of one stay together.
+    """
+    spread = np.ptp(q, axis=0)
+    scaled = q / np.where(spread > 0, spread, 1.0)
+    first = np.unique(configuration_of, return_index=True)[1]
+    parts = [np.arange(len(first))]
+    while len(parts) < _FOLDS:
+        largest = max(range(len(parts)), key=lambda number: len(parts[number]))
+        part = parts.pop(largest)
+        if len(part) < 2:
+            return []
+        joint = int(np.argmax(np.ptp(scaled[first[part]], axis=0)))
+        order = part[np.argsort(scaled[first[part], joint], kind="stable")]
+        parts += [order[: len(order) // 2], order[len(order) // 2 :]]
+    return [np.flatnonzero(np.isin(configuration_of, part)) for part in parts]
 
 
 _JOINT_SIGMAS = np.array([0.005, 0.01, 0.02, 0.04, 0.08]) * DEG

@@ -14,6 +14,7 @@ from urdfcal.base.geometry import DEG, MM, Matrix, Vector
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.problem import Problem
+from urdfcal.calibration.questions import StandsOut
 from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.ekf import STOPS, Belief, Estimate
 from urdfcal.estimation.evidence import Evidence
@@ -95,6 +96,7 @@ class FitResult:
         regained: How many these are.
         together: Where readings that the fit could not explain lie together, in words: scattered bad readings do not.
         test_trimmed: Distances of the test poses without their gross outliers: (before, after); None where there are none.
+        stands_out: What the residuals say that geometry lacks, strongest first.
         tool: Link whose accuracy is asked for; the empty string for the module or the target.
     """
 
@@ -124,6 +126,7 @@ class FitResult:
     regained: int = 0
     together: tuple[str, ...] = ()
     test_trimmed: tuple[SpotTable, SpotTable] | None = None
+    stands_out: tuple[StandsOut, ...] = ()
     tool: str = ""
 
     @property

@@ -34,6 +34,7 @@ SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisa
 _NEAR_ALL = 0.98  # share of the misfit beyond which nothing explains it
 
 Columns = Sequence[int] | npt.NDArray[np.intp]
+Rows = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,29 @@ class Fitted:
         """Of the data, less what their whitening adds and a constant."""
         volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
         return -0.5 * (self.numbers * float(np.log(self.total)) if self.numbers else self.total) - 0.5 * volume
+
+    def predicted(self, folds: Sequence[Rows], rows: int) -> float:
+        """Log density of the numbers of some rows, each fold predicted by a fit of all others, the noise included that they tell.
+
+        Args:
+            folds: Rows of each fold.
+            rows: How many there are in all.
+        """
+        H, y = self.H.reshape(rows, -1, self.H.shape[1]), self.y.reshape(rows, -1)
+        A, b = self.H.T @ self.H, self.H.T @ self.y
+        density = 0.0
+        for held in folds:
+            own, left = H[held].reshape(-1, H.shape[2]), np.delete(np.arange(rows), held)
+            P = np.linalg.inv(A - own.T @ own + np.eye(len(b)))
+            x = P @ (b - own.T @ y[held].ravel())
+            rest = float(np.sum((y[left] - H[left] @ x) ** 2)) + float(x @ x)
+            scale = rest / max(self.numbers * len(left) / rows, 1.0) if self.numbers else 1.0
+            seen = np.abs(H[held]).sum(axis=2) > 0
+            spread = H[held] @ P @ H[held].transpose(0, 2, 1) + np.eye(H.shape[1])
+            off = np.where(seen, y[held] - H[held] @ x, 0.0)
+            squares = np.sum(off * np.linalg.solve(spread, off[..., None])[..., 0])
+            density -= 0.5 * (squares / scale + float(np.sum(np.linalg.slogdet(spread)[1])) + np.count_nonzero(seen) * np.log(scale))
+        return density + (0.0 if self.roots is None else float(np.sum(np.linalg.slogdet(self.roots)[1])))
 
     def beside(self, B: Matrix) -> Fitted:
         """The same fit with whitened columns in it, in units of their prior sigmas."""
