@@ -32,7 +32,7 @@ USUAL: Mapping[str, float] = {
     "drift": 1 * MM,  # over the set, with as many mrad
     "walk": 1 * MM,
     "temperature": 0.3e-3,  # of all lengths and, in mm, of the measuring frame, from the first pose to the last
-    "screen_bow": 1 * MM,  # in the midst of 1 m
+    "screen_bow": 1 * MM,  # half a metre from the midst
     "lens": 1 * MM,  # 0.5 m from the midst
     "readings_scale": 1e-3,
 }
@@ -160,7 +160,7 @@ class _Real:
         if self.what == "screen_bow" and channel.sensor.beam:
             spots, lean = values, view.R[:, 1:, 2] / view.R[:, :1, 2]
             for _ in range(5):  # where the beam meets x = bow(y, z)
-                spots = values + lean * (self.size * (1 - (spots / 0.5) ** 2 @ [0.7, 0.3]))[:, None]
+                spots = values + lean * (-self.size * ((spots / 0.5) ** 2 @ [0.7, 0.3]))[:, None]
             return np.asarray(spots)
         if self.what == "lens" and channel.sensor.beam:
             return np.asarray(values * (1 + self.size / 0.5 * np.sum((values / 0.5) ** 2, axis=1, keepdims=True)))

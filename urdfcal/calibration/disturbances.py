@@ -64,10 +64,10 @@ def disturbances(sensor: Sensor, view: View, look: Look, values: Matrix, at: Map
         for number, (name, sigma) in enumerate(zip(own.names, own.sigma, strict=True)):
             yield Moved(RigTerm(f"{own.what}.{name}", own.unit, sigma), own.columns[:, :, number])
     frame, twists = _PER_FRAME[sensor.seen_from], _of_frame(view, look)
-    for what, along, share in _waves(at):
+    for what, wave, along, share in _waves(at):
         for number, (name, sigma) in enumerate(zip((*SIX, "length"), (*_FRAME_SIGMA, _GROWTH), strict=True)):
             unit = "" if name == "length" else "m" if number < 3 else "rad"
-            yield Moved(RigTerm(f"{what}_{frame}_{name}", unit, sigma * share), twists[:, :, number] * along[:, None])
+            yield Moved(RigTerm(f"{what}.{frame}_{name}{wave}", unit, sigma * share), twists[:, :, number] * along[:, None])
 
 
 def _of_frame(view: View, look: Look) -> Array3:
@@ -76,14 +76,14 @@ def _of_frame(view: View, look: Look) -> Array3:
     return np.concatenate([-look.jac2, growth], axis=2)
 
 
-def _waves(at: Mapping[str, Vector]) -> Iterator[tuple[str, Vector, float]]:
-    """Beginnings of the terms' names, how they go over the poses (n,), and how large they are beside a drift."""
+def _waves(at: Mapping[str, Vector]) -> Iterator[tuple[str, str, Vector, float]]:
+    """What does it, an ending of the terms' names, how they go over the poses (n,), and how large they are beside a drift."""
     if "temperature" in at:
-        yield "temperature.", at["temperature"], 1.0
+        yield "temperature", "", at["temperature"], 1.0
     if "time" in at:
-        yield "drift.", at["time"], 1.0
+        yield "drift", "", at["time"], 1.0
         for wave in range(1, WAVES + 1):
-            yield f"wander.{wave}_", np.cos(np.pi * wave * (at["time"] + 0.5)), 1.0 / wave
+            yield "wander", f"_{wave}", np.cos(np.pi * wave * (at["time"] + 0.5)), 1.0 / wave
 
 
 def rig_columns(rig: Rig, sensor: Sensor, view: View, look: Look, values: Matrix, at: Mapping[str, Vector]) -> Array3:

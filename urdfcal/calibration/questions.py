@@ -207,13 +207,15 @@ class Interview:
         own = [i for i, (t, j) in enumerate(zip(units, joints, strict=True)) if t.axis is None and j.name in inputs and not j.prismatic]
         rows, m = self.linearisation.residual.shape
         reach = self._whitened(turned)[:, own].reshape(rows, m, len(own))
-        V = reach @ reach.transpose(0, 2, 1)
+        values, vectors = np.linalg.eigh(reach @ reach.transpose(0, 2, 1))
         tried = []
-        for sigma in _JOINT_SIGMAS:
-            values, vectors = np.linalg.eigh(np.eye(m) + sigma**2 * V)
-            roots = (vectors / np.sqrt(values)[:, None]) @ vectors.transpose(0, 2, 1)
-            gain = fitted.spread(roots).log_evidence - 0.5 * float(np.sum(np.log(values))) - fitted.log_evidence
-            tried.append((gain, float(sigma), roots))
+        for sigma in _JOINT_SIGMAS.tolist():
+            grown = 1 + sigma**2 * np.maximum(values, 0.0)
+            roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
+            spread = fitted.spread(roots)
+            gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
+            scale = np.sqrt(spread.total / spread.numbers) if spread.numbers else 1.0
+            tried.append((gain, float(sigma * scale), roots))
         gain, sigma, roots = max(tried, key=lambda each: each[0])
         return Answer("joint_noise", "", gain - float(np.log(len(tried))), np.empty((rows * m, 0)), noise=roots, joint_sigma=sigma)
 
@@ -335,7 +337,7 @@ def clustered(q: Matrix, configuration_of: Rows) -> list[Rows]:
     return [np.flatnonzero(np.isin(configuration_of, part)) for part in parts]
 
 
-_JOINT_SIGMAS = np.array([0.005, 0.01, 0.02, 0.04, 0.08]) * DEG
+_JOINT_SIGMAS = 0.005 * DEG * np.sqrt(2.0) ** np.arange(9)
 _GEAR = 0.2e-3  # [rad] that gears usually err by
 _HARMONIC_SORTS = (("ecc_sin", "ecc_cos"), ("ecc_sin2", "ecc_cos2"))
 _SORTS = {"sag": "sag", "sag_1": "sag", "sag_2": "sag", "scale": "scale", "approach": "approach"}
