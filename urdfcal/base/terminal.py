@@ -37,8 +37,8 @@ def value_and_sigma(value: float, sigma: float) -> str:
 
 
 def displayed(unit: str) -> tuple[str, float]:
-    """Unit that people read, and its size in SI: mm for m, deg for rad, % for a share."""
-    return {"m": ("mm", MM), "": ("%", 1e-2)}.get(unit, ("deg", DEG))
+    """Unit that people read, and its size in SI: mm for m, deg for rad, % for a share; others stay."""
+    return {"m": ("mm", MM), "rad": ("deg", DEG), "": ("%", 1e-2)}.get(unit, (unit, 1.0))
 
 
 def figures_table(*labels: str) -> Table:

@@ -10,13 +10,16 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
-from urdfcal.calibration.disturbances import courses_of
+from urdfcal.calibration.asking.disturbances import courses_of
+from urdfcal.calibration.asking.ground import Ground
+from urdfcal.calibration.asking.interview import Interview
+from urdfcal.calibration.asking.questions import LEAST_GAINS, NAMED, Answer
+from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
 from urdfcal.calibration.known_joints import joints_of, require_written
 from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, within_reach, without_gross_outliers
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.questions import Answer, Interview, StandsOut
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
     has_spots_in_metres,
@@ -55,6 +58,7 @@ from urdfcal.sensors.measurements import (
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
+_HEARD = 2.0  # [nats] from which an answer widens what is predicted
 _MOST_ENTERED = 3  # things that a rig may do at once
 _ANY = 3.0  # degrees of freedom that tell at least whether there is more
 
@@ -276,10 +280,10 @@ class FitTask:
         """The same with what the rig does, or noise of the joints' readings, in the fit, one after the other while the data pay for it."""
         gravity, tried = self.gravity or Gravity(), set[str]()
         while True:
-            interview = Interview(self.robot, fitted.scaled_model, fitted.scaled.found, gravity)
-            answers = interview.answers()
+            interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, gravity))
+            answers = interview.answers(_HEARD)
             fitted = replace(fitted, interview=interview, answers=tuple(answers))
-            wanted = next((answer for answer in answers if answer.of_the_rig and answer.name not in tried), None)
+            wanted = next((answer for answer in answers if answer.enters and answer.name not in tried), None)
             if wanted is None or len(fitted.entered) == _MOST_ENTERED:
                 return fitted
             tried.add(wanted.name)
@@ -287,7 +291,9 @@ class FitTask:
                 continue
             richer = self._entering(fitted, wanted, nominal)
             if richer.scaled.found.converged:
-                fitted = replace(richer, entered=(*fitted.entered, StandsOut(wanted.what, wanted.where, wanted.gain, entered=True)))
+                fitted = replace(
+                    richer, entered=(*fitted.entered, StandsOut(wanted.what, wanted.where, wanted.gain, entered=True, share=wanted.share))
+                )
 
     def _entering(self, fitted: _Asked, answer: Answer, nominal: NominalFit) -> _Asked:
         """The fit from its start with an answer in it: outliers are told apart once more."""
@@ -453,8 +459,8 @@ class _Asked:
     @property
     def stands_out(self) -> tuple[StandsOut, ...]:
         """Everything, strongest first."""
-        left = [StandsOut(own.what, own.where, own.gain, cycles=own.cycles) for own in self.answers]
-        return tuple(sorted((*self.entered, *left), key=lambda own: -own.gain))
+        named = [own for own in self.answers if own.gain >= LEAST_GAINS.get(own.what, NAMED)]
+        return tuple(sorted((*self.entered, *(own.told for own in named)), key=lambda own: -own.gain))
 
     @property
     def widened(self) -> Estimate:

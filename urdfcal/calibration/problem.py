@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
-from urdfcal.calibration.disturbances import progress, rig_columns
+from urdfcal.calibration.asking.disturbances import progress, rig_columns
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel, Placements
@@ -128,7 +128,7 @@ class Channel:
     def _disturbed(self, rig: Rig, view: View, look: Look, measured: Mask, rows: Rows, x: Vector, jacobian: Array3) -> Matrix:
         """By how much more the rig makes this read at x, (n, k); its columns go into the Jacobian."""
         at = {name: course[rows] for name, course in self.at.items()}
-        columns = np.where(measured[..., None], rig_columns(rig, self.sensor, view, look, self.values[rows], at), 0.0)
+        columns = np.where(measured[..., None], rig_columns(rig, self.sensor, view, look, at), 0.0)
         own = [self.errors.names.index(term.name) for term in rig.terms]
         jacobian[:, :, own] += columns
         return np.asarray(columns @ x[own])

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.problem import Problem
-from urdfcal.calibration.questions import StandsOut
 from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.ekf import STOPS, Belief, Estimate
 from urdfcal.estimation.evidence import Evidence
@@ -256,6 +256,11 @@ class FitResult:
         """In a line: the whole of it holds the URDF and every pose."""
         tables = f"{rms_of(self.before):.3g} -> {rms_of(self.after):.3g} {main_unit(self.after)}"
         return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
+
+    def with_entered(self: Self, names: Collection[str]) -> Self:
+        """The same where some of what stands out is known to be in a compensation beside it."""
+        out = tuple(replace(own, entered=own.entered or own.what in names) for own in self.stands_out)
+        return replace(self, stands_out=out)
 
     def require_trustworthy(self) -> None:
         """Raise if the result must not be trusted.

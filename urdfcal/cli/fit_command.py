@@ -154,7 +154,7 @@ def fit(
         list[str] | None,
         typer.Option(
             metavar="TERM",
-            help="With sag, also try scale (of encoders and slides), eccentricity or approach (direction of the last move); repeatable.",
+            help="With sag, try scale (of encoders and slides), eccentricity or approach; repeatable. Default: what stands out.",
             show_default=False,
         ),
     ] = None,
@@ -194,7 +194,7 @@ def fit(
     from urdfcal.cli.fit_outputs import planned, sag_wish
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
-    from urdfcal.output.text.sag import asked_for, pair_words, sag_blocks, sag_json
+    from urdfcal.output.text.sag import asked_for, in_compensation, pair_words, sag_blocks, sag_json
     from urdfcal.sensors.measurements import in_pixels
 
     def rng() -> np.random.Generator:
@@ -251,6 +251,7 @@ def fit(
     calibration = replace(calibration, warnings=warned, tool=tool or "")
     bent = wish.of(calibration)
     calibration = replace(calibration, beyond=tuple(dict.fromkeys((*calibration.beyond, *asked_for(bent)))))
+    calibration = calibration.with_entered(in_compensation(bent))
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if not force:
         refused(calibration, pair_words(bent), as_json)  # no folds for what is of no use anyway

@@ -152,7 +152,7 @@ class SagWish:
         if not self.wanted or calibration.rejection or calibration.data.pose_count < LEAST_POSES:
             return None
         direction = estimated_gravity(calibration).direction if self.estimate else self.gravity.direction
-        return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras)
+        return fit_sag(calibration, Gravity(direction, self.gravity.payloads), extras=self.extras or None)
 
 
 def sag_wish(wanted: bool, gravity: str | None, payloads: Sequence[str] | None, also: Sequence[str] | None) -> SagWish:

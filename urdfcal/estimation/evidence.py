@@ -36,7 +36,7 @@ from urdfcal.estimation.prior import Prior
 from urdfcal.estimation.residual import Linearisation, Linearise
 
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
-SAG_SCALES = {"sag": 0.3e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
+SAG_SCALES = {"sag": 1.5e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance

@@ -33,7 +33,6 @@ from urdfcal.estimation.residual import Linearisation
 SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisance may have
 _NEAR_ALL = 0.98  # share of the misfit beyond which nothing explains it
 
-Columns = Sequence[int] | npt.NDArray[np.intp]
 Rows = npt.NDArray[np.intp]
 
 
@@ -95,7 +94,7 @@ class Fitted:
             off = np.where(seen, y[held] - H[held] @ x, 0.0)
             squares = np.sum(off * np.linalg.solve(spread, off[..., None])[..., 0])
             density -= 0.5 * (squares / scale + float(np.sum(np.linalg.slogdet(spread)[1])) + np.count_nonzero(seen) * np.log(scale))
-        return density + (0.0 if self.roots is None else float(np.sum(np.linalg.slogdet(self.roots)[1])))
+        return float(density + (0.0 if self.roots is None else np.sum(np.linalg.slogdet(self.roots)[1])))
 
     def beside(self, B: Matrix) -> Fitted:
         """The same fit with whitened columns in it, in units of their prior sigmas."""
@@ -152,7 +151,7 @@ class Score:
     total: float
     numbers: int
 
-    def part(self, columns: Columns) -> Score:
+    def part(self, columns: Rows) -> Score:
         """Of some of the columns."""
         return replace(self, s=self.s[columns], F=self.F[np.ix_(columns, columns)])
 
@@ -165,6 +164,13 @@ class Score:
     def gain(self) -> float:
         """Log evidence of the nuisance, [nats]."""
         return float(self.gains.max() - np.log(len(SIZES)))
+
+    @property
+    def explained(self) -> float:
+        """Share of what there is to explain that the nuisance explains."""
+        values, vectors = np.linalg.eigh(self.F)
+        values, squares = np.maximum(values, 0.0), (vectors.T @ self.s) ** 2
+        return float((self.size**2 * squares / (1 + self.size**2 * values)).sum() / self.total)
 
     @property
     def size(self) -> float:

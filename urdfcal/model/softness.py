@@ -10,6 +10,7 @@ Others, on request, turn the joint about its own axis, or slide it along it:
 
     <joint>.scale            basis q: encoder scale, or pitch of a slide's screw or belt
     <joint>.ecc_sin, ...     basis sin q, cos q, sin 2q, cos 2q: eccentric encoders and gears
+    <joint>.gear50_sin, ...  basis sin 50 q, cos 50 q: a gear's stage that turns so often with the joint
     <joint>.approach         basis +1 or -1, the direction of the last move: backlash and friction
 
 Eccentricity is that of something that turns once with the joint, so slides have none.
@@ -17,6 +18,7 @@ Eccentricity is that of something that turns once with the joint, so slides have
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,10 +31,12 @@ from urdfcal.model.gravity import WeighedRobot
 from urdfcal.robot.chain import Bend, Chain
 
 SAG, SAG_ACROSS = 1e-3, 0.5e-3  # [rad] prior standard deviations at a joint's largest gravity moment
-SCALE, ECCENTRICITY, APPROACH = 1e-3, 1e-3, 0.5e-3  # the same of the others: a share, [rad], and [rad] or, of slides, [m]
+SCALE, ECCENTRICITY, APPROACH, GEAR = 1e-3, 1e-3, 0.5e-3, 0.2e-3  # the same of the others: a share, [rad], and [rad] or, of slides, [m]
 _LEAST_SHARE = 1e-3  # of the largest moment of any joint, under which gravity has nothing to say
 Axis = tuple[float, float, float]
 EXTRAS = ("scale", "eccentricity", "approach")
+_GEAR_NAME = re.compile(r"gear(\d+)_(sin|cos)")
+_WAVES = {"sin": np.sin, "cos": np.cos}
 _HARMONICS = {"ecc_sin": (np.sin, 1), "ecc_cos": (np.cos, 1), "ecc_sin2": (np.sin, 2), "ecc_cos2": (np.cos, 2)}
 
 
@@ -130,6 +134,8 @@ class Softness:
                 basis[:, number] = wave(order * q[:, inputs[name]])
             elif what == "scale":
                 basis[:, number] = q[:, inputs[name]]
+            elif gear := _GEAR_NAME.fullmatch(what):
+                basis[:, number] = _WAVES[gear[2]](int(gear[1]) * q[:, inputs[name]])
             elif what.startswith("turn"):
                 basis[:, number] = 1.0
         return basis
@@ -179,6 +185,12 @@ def extra_terms(chain: Chain, wanted: Sequence[str]) -> tuple[Term, ...]:
     return tuple(terms)
 
 
+def gear_terms(chain: Chain, gears: Sequence[tuple[str, int]]) -> tuple[Term, ...]:
+    """Waves of a gear, for each joint and how often a turn of it the wave comes."""
+    index = {step.joint.name: number for number, step in enumerate(chain.moving)}
+    return tuple(Term(f"{joint}.gear{cycles}_{wave}", index[joint], None, GEAR) for joint, cycles in gears for wave in _WAVES)
+
+
 def unit_terms(chain: Chain) -> tuple[Term, ...]:
     """Each moving joint turned about its own axis, or slid along it, and about the two across it, by one whatever the pose."""
     terms: list[Term] = []
@@ -194,7 +206,7 @@ def is_known(term: Term) -> bool:
     what = term.name.rpartition(".")[2]
     if what in ("sag", "sag_1", "sag_2"):
         return term.largest > 0 and (term.axis is None) == (what == "sag")
-    return not term.largest and term.axis is None and what in ("scale", "approach", *_HARMONICS)
+    return not term.largest and term.axis is None and (what in ("scale", "approach", *_HARMONICS) or bool(_GEAR_NAME.fullmatch(what)))
 
 
 def across(axis: Vector) -> tuple[Axis, Axis]:

@@ -59,10 +59,10 @@ class PixelSensor(Sensor):
         pixels: Matrix = self.camera.project(view.p)
         return pixels
 
-    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+    def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """See the base class: what the lens does beyond its calibration."""
         focal, centre = np.diag(self.camera.matrix)[:2], self.camera.matrix[:2, 2]
-        bent = bent_by_a_lens(*((values - centre) / focal).T, _LENS, "")
+        bent = bent_by_a_lens((self.read(view) - centre) / focal, _LENS, "")
         return (replace(bent, columns=bent.columns * focal[:, None]),)
 
     def mistakes(self) -> Mapping[str, Change]:

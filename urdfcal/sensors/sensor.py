@@ -218,7 +218,7 @@ class Sensor:
         """Where the robot has what is read, as a point of the measuring frame, (n, 3), [m]; nan where it has it nowhere."""
         return view.p
 
-    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+    def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """What an instrument of this kind may do to all of its readings, at some poses."""
         return ()
 
@@ -320,21 +320,22 @@ class Sensor:
         return None
 
 
-def wrong_scale(values: Matrix) -> Disturbance:
-    """Lengths that are all too long by the same share, (n, k)."""
-    return Disturbance("readings_scale", ("scale",), "", (1e-3,), values[:, :, None])
+def wrong_scale(lengths: Matrix) -> Disturbance:
+    """Lengths that are all read too long by the same share, (n, k)."""
+    return Disturbance("readings_scale", ("scale",), "", (1e-3,), lengths[:, :, None])
 
 
-def bent_by_a_lens(y: Vector, z: Vector, sigma: tuple[float, float], unit: str) -> Disturbance:
+def bent_by_a_lens(places: Matrix, sigma: tuple[float, float], unit: str) -> Disturbance:
     """What is left of a lens's distortion in a picture or a plane: radial, and tangential as of a centre that is elsewhere.
 
     After Brown: (y, z) r^2 k, and p_1 (2 y z, r^2 + 2 z^2) + p_2 (r^2 + 2 y^2, 2 y z).
 
     Args:
-        y, z: Where it was read, (n,).
+        places: Where it would be read without, (n, 2) = (y, z).
         sigma: Usual size of k, and of p_1 and p_2.
         unit: Of k.
     """
+    y, z = places.T
     square, twice = y**2 + z**2, 2 * y * z
     radial, first = np.stack([y * square, z * square], axis=1), np.stack([twice, square + 2 * z**2], axis=1)
     columns = np.stack([radial, first, np.stack([square + 2 * y**2, twice], axis=1)], axis=2)

@@ -232,9 +232,10 @@ class SpotSensor(Sensor):
         """See the base class."""
         return values
 
-    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+    def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """See the base class: a screen that is bowed, what saw the spots on it, and its scale."""
-        return (_bow(view, values), bent_by_a_lens(values[:, 0], values[:, 1], _LENS, "1/m^2"), wrong_scale(values))
+        spots = _beams_seen(view)[0]
+        return (_bow(view, spots), bent_by_a_lens(spots, _LENS, "1/m^2"), wrong_scale(spots))
 
 
 def _bow(view: View, spots: Matrix) -> Disturbance:
@@ -243,7 +244,7 @@ def _bow(view: View, spots: Matrix) -> Disturbance:
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = view.R[:, 1:, 2] / view.R[:, :1, 2]
     depth = np.stack([y**2, y * z, z**2], axis=1)
-    columns = np.where(np.isfinite(lean), lean, 0.0)[:, :, None] * depth[:, None]
+    columns = lean[:, :, None] * depth[:, None]
     return Disturbance("screen_bow", ("bow_yy", "bow_yz", "bow_zz"), "1/m", (_BOW,) * 3, columns)
 
 

@@ -74,9 +74,9 @@ class PointSensor(Sensor):
         """Any of the three may be missing."""
         return ~np.isnan(values)
 
-    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+    def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """See the base class."""
-        return (wrong_scale(values),)
+        return (wrong_scale(self.read(view)),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class; the frame stands anywhere, so that swapped axes are the same as one that was mirrored."""
@@ -202,9 +202,9 @@ class DistanceSensor(Sensor):
         """See the base class."""
         return np.asarray(np.linalg.norm(view.p - view.place, axis=1)[:, None])
 
-    def disturbances(self, view: View, values: Matrix) -> tuple[Disturbance, ...]:
+    def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """See the base class."""
-        return (wrong_scale(values),)
+        return (wrong_scale(self.read(view)),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""

@@ -9,13 +9,13 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, listed, pose_distances, worst_clusters
+from urdfcal.calibration.asking.stands_out import WORDS
 from urdfcal.calibration.error_table import main_unit
 from urdfcal.calibration.result import FitResult
 
 _LOST = 0.1  # share of a joint's range that is left, under which its motion is lost
 _LEAST_RANGE = {True: 5 * MM, False: 1 * DEG}  # motion that there was to lose, of sliding and of turning joints
-_WORDS = {"sag": "the joints' sag", "scale": "the encoders' scale", "eccentricity": "the encoders' eccentricity"}
-_WORDS |= {"approach": "the direction of the last move"}
+_MUCH = 0.1  # share of what a fit leaves unexplained, from which whoever uses it has to know what explains it
 
 
 def objections(found: FitResult) -> tuple[str, ...]:
@@ -71,12 +71,14 @@ def outliers_together(found: FitResult) -> tuple[str, ...]:
 
 
 def beyond_geometry(found: FitResult) -> tuple[str, ...]:
-    """Readings that geometry alone would have left out, and more explains."""
-    if not found.beyond:
+    """What readings ask for that geometry has no word for, and that is not in the fit."""
+    out = {own.what: own.words for own in found.stands_out if own.share >= _MUCH and not own.in_fit}
+    names = list((out | {name: WORDS[name] for name in found.beyond}).values())
+    if not names:
         return ()
-    names = " and ".join(_WORDS[name] for name in found.beyond)
     regained = f", without which {found.regained} more would be outliers" if found.regained else ""
-    return (f"geometry alone does not explain the readings: the data ask for {names} beside it{regained}",)
+    widened = "; what that does is in the sigmas" if out else ""
+    return (f"geometry alone does not explain the readings: the data ask for {' and '.join(names)} beside it{regained}{widened}",)
 
 
 def bad_test_readings(found: FitResult) -> tuple[str, ...]:

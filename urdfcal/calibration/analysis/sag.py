@@ -2,7 +2,8 @@
 
 The joint fit starts from a geometry-only calibration, of the same poses without the same outliers. Each joint yields to its own
 gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
-stand for is explained now. Terms on request stay only where they raise the log evidence (`richer.py`) by more than LEAST_GAIN.
+stand for is explained now. Further terms are those that the residuals ask for (`questions.py`), or that are asked for; each stays only
+where it raises the log evidence (`richer.py`) by enough, and clusters of poses that are left out in turn are the more likely for it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
+from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.error_table import error_table, main_unit
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
@@ -23,14 +25,16 @@ from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
+from urdfcal.estimation.score import Fitted
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
-from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
+from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gear_terms, gravity_terms
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.repeats import first_rows
 
 FOLDS = 5
+_LEAST_GAINS = {"scale": 5.0, "eccentricity": 5.0, "harmonics": 5.0, "approach": 3.0}  # of log evidence, for which a term stays
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _UPWARD = -5.0  # [sigmas] joints that bend upward by more than this, all in all, say that gravity pulls the other way
 _COARSE = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)]  # half of the sphere
@@ -120,7 +124,7 @@ def fit_sag(
     calibration: FitResult,
     gravity: Gravity | None = None,
     *,
-    extras: Sequence[str] = (),
+    extras: Sequence[str] | None = None,
     folds: int = FOLDS,
     compare_directions: bool = True,
     rng: np.random.Generator | None = None,
@@ -130,7 +134,7 @@ def fit_sag(
     Args:
         calibration: Geometry alone; its poses are fitted again.
         gravity: Where down is, and what is carried; by default -z of the root link, and nothing.
-        extras: Further terms, of `softness.EXTRAS`; each stays if it raises the log evidence by more than LEAST_GAIN.
+        extras: Further terms, of `softness.EXTRAS`; by default those that stand out in the calibration's residuals.
         folds: For the gain on held-out poses; 0 for none.
         compare_directions: Also try gravity along the root link's other axes, and warn if the data prefer one of them.
         rng: Draws the folds, and configurations within the joints' range; seeded by default.
@@ -140,21 +144,21 @@ def fit_sag(
     """
     rng, gravity = rng or np.random.default_rng(0), gravity or Gravity()
     setup = _Setup(calibration, rng)
-    terms = setup.gravity_terms(gravity)
-    if not terms and not extras:
+    terms, further = setup.gravity_terms(gravity), setup.further(extras)
+    if not terms and not further:
         return None
     whole = setup.fit(terms, gravity)
     kept: list[str] = []
-    for extra in (name for name in EXTRAS if name in extras):
-        tried = setup.fit((*whole.terms, *extra_terms(setup.chain, [extra])), gravity, whole)
-        if tried.log_evidence > whole.log_evidence + LEAST_GAIN:
+    for extra, more in further.items():
+        tried = setup.fit((*whole.terms, *more), gravity, whole)
+        if tried.log_evidence > whole.log_evidence + _LEAST_GAINS[extra] and setup.foretells(tried) > setup.foretells(whole):
             whole = tried
             kept.append(extra)
     alone = setup.alone()
     held_out = setup.held_out(alone, whole, folds, rng) if folds else None
-    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
+    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not further else ()
     gain = whole.log_evidence - alone.log_evidence
-    dropped = tuple(extra for extra in EXTRAS if extra in extras and extra not in kept)
+    dropped = tuple(extra for extra in further if extra not in kept)
     return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)
 
 
@@ -187,6 +191,22 @@ class _Setup:
         self.calibration, self.chain = calibration, calibration.robot.chain
         self.data, self.noise = calibration.data, calibration.estimate.noise
         self.range = usual_range(calibration.robot, calibration.data, rng)
+
+    def further(self, extras: Sequence[str] | None) -> dict[str, tuple[Term, ...]]:
+        """Terms to try beside gravity's, by what they are: those that are wanted, or that the residuals ask for."""
+        out = self.calibration.stands_out
+        wanted = [own.what for own in out] if extras is None else extras
+        found = {extra: extra_terms(self.chain, [extra]) for extra in EXTRAS if extra in wanted}
+        gears = list(dict.fromkeys((own.where, own.cycles) for own in out if own.cycles)) if extras is None else []
+        return found | ({"harmonics": gear_terms(self.chain, gears)} if gears else {})
+
+    def foretells(self, fitted: _Fitted) -> float:
+        """Log density of clusters of poses that are left out in turn."""
+        errors, x, data = fitted.errors, fitted.estimate.belief.x, self.data
+        linearisation = fitted.model.linearise(x)
+        whitened = Fitted.of(linearisation, fitted.estimate.noise, x, Belief.independent(errors.mean, errors.sigma))
+        lost = fitted.estimate.noise.log_determinant(linearisation) / 2  # each is whitened by a noise of its own
+        return whitened.predicted(clustered(data.q, data.configuration_of), len(linearisation.residual)) - lost
 
     def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
         """Gravity's terms over the joints' range."""

@@ -27,6 +27,7 @@ from urdfcal.output.text.instruments import (
     place_entries,
 )
 from urdfcal.output.text.outliers import outlier_blocks
+from urdfcal.output.text.stands_out import stands_out_blocks
 from urdfcal.output.text.verdict import verdict_blocks
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ def calibration_blocks(calibration: FitResult, accuracy: Iterable[RenderableType
         "",
         parameter_table(calibration),
         *_frames(calibration),
+        *stands_out_blocks(calibration),
         *outlier_blocks(calibration),
         *_undecided(calibration),
         *_correlated(calibration),
@@ -220,6 +222,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "test_trimmed": None if trimmed is None else {"before": table_json(trimmed[0]), "after": table_json(trimmed[1])},
         "prior_scales": None if calibration.evidence is None else dict(calibration.evidence.scales),
         "outliers": [asdict(outlier) for outlier in calibration.outliers],
+        "stands_out": [own.entry() for own in calibration.stands_out],
         "outliers_explained_by": list(calibration.beyond),
         "outliers_together": list(calibration.together),
         "test_outliers": [asdict(outlier) for outlier in calibration.test_outliers],

@@ -95,6 +95,11 @@ def asked_for(sag: SagFit | None) -> tuple[str, ...]:
     return ("sag", *sag.kept)
 
 
+def in_compensation(sag: SagFit | None) -> tuple[str, ...]:
+    """What a compensation has in it that is worth its trouble."""
+    return () if sag is None or not worth_it(sag) else ("sag", *sag.kept)
+
+
 def pair_words(sag: SagFit | None) -> tuple[str, ...]:
     """What geometry and compensation together would bring, where geometry alone is of no use."""
     left = sag.held_out if sag is not None else None

@@ -50,17 +50,16 @@ def progress(data: Measurements, courses: Mapping[str, Course]) -> dict[str, Vec
     return found
 
 
-def disturbances(sensor: Sensor, view: View, look: Look, values: Matrix, at: Mapping[str, Vector]) -> Iterator[Moved]:
+def disturbances(sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> Iterator[Moved]:
     """Everything that may move what a sensor reads at some poses.
 
     Args:
         sensor: What reads.
         view: What it looks at.
         look: What it makes of that.
-        values: What was read, (n, stored).
         at: Progress of each course, (n,).
     """
-    for own in sensor.disturbances(view, values):
+    for own in sensor.disturbances(view):
         for number, (name, sigma) in enumerate(zip(own.names, own.sigma, strict=True)):
             yield Moved(RigTerm(f"{own.what}.{name}", own.unit, sigma), own.columns[:, :, number])
     frame, twists = _PER_FRAME[sensor.seen_from], _of_frame(view, look)
@@ -86,11 +85,11 @@ def _waves(at: Mapping[str, Vector]) -> Iterator[tuple[str, str, Vector, float]]
             yield "wander", f"_{wave}", np.cos(np.pi * wave * (at["time"] + 0.5)), 1.0 / wave
 
 
-def rig_columns(rig: Rig, sensor: Sensor, view: View, look: Look, values: Matrix, at: Mapping[str, Vector]) -> Array3:
+def rig_columns(rig: Rig, sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> Array3:
     """What a sensor reads more per unit of each term of a rig, (n, k, terms)."""
     columns = np.zeros((*look.residual.shape, len(rig.terms)))
     place = {term.name: number for number, term in enumerate(rig.terms)}
-    for moved in disturbances(sensor, view, look, values, at):
+    for moved in disturbances(sensor, view, look, at):
         if moved.term.name in place:
             columns[:, :, place[moved.term.name]] = moved.column
-    return columns
+    return np.where(np.isfinite(columns), columns, 0.0)  # a beam that meets no screen is moved nowhere

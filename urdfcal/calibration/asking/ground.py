@@ -1,0 +1,97 @@
+"""What all questions to one fit stand on: its residual, and how everything that is read moves where one joint turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.calibration.problem import Problem
+from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.noise import Weights
+from urdfcal.estimation.residual import Linearisation
+from urdfcal.estimation.score import Fitted
+from urdfcal.model.error_model import with_softness
+from urdfcal.model.gravity import Gravity, WeighedRobot
+from urdfcal.model.softness import Term, unit_terms
+from urdfcal.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A fit.
+
+    Attributes:
+        robot: The nominal robot, as it was measured.
+        model: The fit's problem.
+        estimate: The fit.
+        gravity: Where down is, and what is carried.
+    """
+
+    robot: Robot
+    model: Problem
+    estimate: Estimate
+    gravity: Gravity = field(default_factory=Gravity)
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """At the estimate."""
+        return self.model.linearise(self.estimate.belief.x)
+
+    @cached_property
+    def _weights(self) -> Weights:
+        return self.estimate.noise.weights(self.linearisation)
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """The fit before any question."""
+        errors = self.model.errors
+        prior = Belief.independent(errors.mean, errors.sigma)
+        return Fitted.of(self.linearisation, self.estimate.noise, self.estimate.belief.x, prior)
+
+    def whitened(self, columns: Array3) -> Matrix:
+        """Columns (poses, m, k) in units of the noise, (N, k); what is known beforehand has none."""
+        padded = np.zeros((*self.linearisation.residual.shape, columns.shape[2]))
+        padded[: len(columns)] = columns
+        padded *= np.asarray(self.linearisation.measured)[..., None]
+        return self._weights.jacobian(replace(self.linearisation, jacobian=padded))
+
+    @cached_property
+    def weighed(self) -> WeighedRobot:
+        """The robot with its masses, and with gravity."""
+        return WeighedRobot(self.robot, self.gravity)
+
+    @cached_property
+    def turns(self) -> tuple[Array3, tuple[Term, ...]]:
+        """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
+        terms = unit_terms(self.robot.chain)
+        errors = with_softness(self.model.errors, terms, self.weighed, self.robot.rig.tip)
+        x = np.concatenate([self.estimate.belief.x, np.zeros(len(terms))])
+        linearised = Problem(errors, self.model.data).linearise(x)
+        return linearised.jacobian[: len(self.model.data), :, len(self.estimate.belief.x) :], terms
+
+    @cached_property
+    def own_turns(self) -> Matrix:
+        """The same, whitened, of every turning joint that was read about its own axis, (N, joints)."""
+        return self.whitened(self.turns[0][:, :, [number for number, _, _ in self._turning()]])
+
+    @cached_property
+    def turning(self) -> list[tuple[str, Vector]]:
+        """Names and positions (rows,) of those joints; rows of what is known beforehand have zeros."""
+        found = []
+        for _, name, index in self._turning():
+            q = np.zeros(len(self.linearisation.residual))
+            q[: len(self.model.data)] = self.model.data.q[:, index]
+            found.append((name, q))
+        return found
+
+    def _turning(self) -> Iterator[tuple[int, str, int]]:
+        """Number of the turn, name, and number among the measured joints."""
+        inputs = {joint.name: index for index, joint in enumerate(self.robot.chain.inputs)}
+        for number, term in enumerate(self.turns[1]):
+            joint = self.robot.chain.moving[term.joint].joint
+            if term.axis is None and joint.name in inputs and not joint.prismatic:
+                yield number, joint.name, inputs[joint.name]

@@ -1,0 +1,108 @@
+"""Ask the residuals of a fit what its model lacks: one score test for everything that robots and rigs are known to do.
+
+Each question is about a few columns. What the arm does turns joints, so its columns are those of a joint turned by one, times what it
+goes with: gravity's moments, sin q and cos q, q itself, the direction of the last move. What the rig does is `disturbances.py`'s.
+Answers come strongest first; each is taken into account before the next is looked for, since one that is large leaves traces in all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from urdfcal.base.geometry import Matrix
+from urdfcal.calibration.asking.arm import arm_columns
+from urdfcal.calibration.asking.folds import clustered
+from urdfcal.calibration.asking.gears import CYCLES, Gears
+from urdfcal.calibration.asking.ground import Ground
+from urdfcal.calibration.asking.joint_noise import joint_noise
+from urdfcal.calibration.asking.questions import NAMED, Answer, Question
+from urdfcal.calibration.asking.rig import rig_columns, rig_questions
+from urdfcal.estimation.score import Fitted, Score
+from urdfcal.model.rig_terms import RigTerm
+
+_MOST = 10  # answers
+
+
+@dataclass(frozen=True)
+class Interview:
+    """A fit, and everything that may be asked of it."""
+
+    ground: Ground
+
+    def answers(self, least: float = NAMED) -> list[Answer]:
+        """What stands out by so many nats, strongest first."""
+        fitted, found = self.ground.fitted, list[Answer]()
+        while len(found) < _MOST:
+            known = {answer.cycles for answer in found if answer.cycles}
+            best = max(self._asked(fitted, known), key=lambda answer: answer.gain)
+            if best.gain < least:
+                break
+            fitted = best.within(fitted)
+            found.append(best)
+        return found
+
+    def beside(self, answers: Sequence[Answer]) -> Fitted:
+        """The fit with some answers in it."""
+        fitted = self.ground.fitted
+        for answer in answers:
+            fitted = answer.within(fitted)
+        return fitted
+
+    def pays(self, answer: Answer, before: Sequence[Answer] = ()) -> bool:
+        """Whether clusters of poses that are left out in turn are the more likely for an answer, beside others."""
+        data = self.ground.model.data
+        rows, folds = len(self.ground.linearisation.residual), clustered(data.q, data.configuration_of)
+        return self.beside((*before, answer)).predicted(folds, rows) > self.beside(before).predicted(folds, rows)
+
+    def widened(self, P: Matrix, answers: Sequence[Answer]) -> Matrix:
+        """The covariance of a fit that does not know of what stands out, (p, p): with what that does to it.
+
+        Something B b that geometry has no word for moves the parameters by P H' B b, and leaves M B b in the residuals, as it will in
+        every reading to come. The first is added as it is, and the parameters' covariance is made as much larger as the second is than
+        what it predicts, so that predictions are off by as much as they say.
+        """
+        known = [answer for answer in answers if answer.noise is None]
+        if not known:
+            return P
+        own, fitted = self.ground.fitted, self.beside(answers)
+        p = own.H.shape[1]
+        b, C = (fitted.P @ (fitted.H.T @ fitted.y))[p:], fitted.P[p:, p:]
+        through = own.H.T @ (B := np.column_stack([answer.columns for answer in known]))
+        second = np.outer(b, b) + C
+        left = float(np.sum((B.T @ B - through.T @ own.P @ through) * second))
+        predicted = p - float(np.trace(own.P))
+        moved = (own.P @ through) * self.ground.model.errors.sigma[:, None]
+        return np.asarray(P * (1 + left / predicted) + moved @ second @ moved.T)
+
+    def _asked(self, fitted: Fitted, known: Collection[int]) -> Iterator[Answer]:
+        """The best answer to each sort of question, where gears of some cycles are known."""
+        columns, questions, terms = self._columns
+        score, best = fitted.asked(columns), dict[str, tuple[float, Score, Question]]()
+        for question in questions:
+            own = score.part(question.columns)
+            if question.what not in best or own.gain - question.price > best[question.what][0]:
+                best[question.what] = own.gain - question.price, own, question
+        for what, (gain, own, question) in best.items():
+            rig = tuple(replace(terms[n], sigma=terms[n].sigma * own.size) for n in question.columns.tolist() if n in terms)
+            yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig, share=own.explained)
+        for cycles in (np.ones(len(CYCLES), dtype=bool), np.isin(CYCLES, list(known))):
+            if (answer := self._gears.answer(fitted, cycles)) is not None:
+                yield answer
+        if fitted.roots is None and not self.ground.estimate.noise.of_joints and self.ground.turning:
+            yield joint_noise(self.ground, fitted)
+
+    @cached_property
+    def _gears(self) -> Gears:
+        return Gears(self.ground)
+
+    @cached_property
+    def _columns(self) -> tuple[Matrix, list[Question], dict[int, RigTerm]]:
+        """All columns whitened, (N, k), the questions about them, and which of them are the rig's."""
+        (arm, questions), (rig, terms) = arm_columns(self.ground), rig_columns(self.ground)
+        first = arm.shape[2]
+        whitened = self.ground.whitened(np.concatenate([arm, rig], axis=2))
+        return whitened, [*questions, *rig_questions(terms, first)], {first + number: term for number, term in enumerate(terms)}

@@ -1,0 +1,30 @@
+"""Readings of the joints that are noisy: a covariance of each pose's numbers in place of columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from urdfcal.base.geometry import DEG
+from urdfcal.calibration.asking.ground import Ground
+from urdfcal.calibration.asking.questions import Answer
+from urdfcal.estimation.score import Fitted
+
+_SIGMAS = 0.005 * DEG * np.sqrt(2.0) ** np.arange(9)  # [rad]
+
+
+def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
+    """All turning joints' readings off by one standard deviation, R_i = R + sigma^2 J_q J_q' of the numbers of a pose."""
+    rows, m = ground.linearisation.residual.shape
+    reach = ground.own_turns.reshape(rows, m, -1)
+    values, vectors = np.linalg.eigh(reach @ reach.transpose(0, 2, 1))
+    tried = []
+    for sigma in _SIGMAS.tolist():
+        grown = 1 + sigma**2 * np.maximum(values, 0.0)
+        roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
+        spread = fitted.spread(roots)
+        gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
+        scale = np.sqrt(spread.total / spread.numbers) if spread.numbers else 1.0  # what is left of the sensor's own noise
+        tried.append((gain, float(sigma * scale), roots, 1 - spread.total / fitted.total))
+    gain, sigma, roots, share = max(tried, key=lambda each: each[0])
+    price = float(np.log(len(tried)))
+    return Answer("joint_noise", "", gain - price, np.empty((rows * m, 0)), share=share, noise=roots, joint_sigma=sigma)

@@ -1,0 +1,80 @@
+"""Questions to the residuals, and their answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from urdfcal.base.geometry import Array3, Matrix
+from urdfcal.calibration.asking.stands_out import StandsOut
+from urdfcal.estimation.score import Fitted
+from urdfcal.model.rig_terms import RigTerm
+
+NAMED = 4.0  # [nats] from which an answer is told
+LEAST_GAINS = {"approach": 3.0}  # the same of some alone
+
+Rows = npt.NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Question:
+    """Columns that are asked about together.
+
+    Attributes:
+        what: What would cause them.
+        where: The joint; the empty string where it is of all of them, or of the rig.
+        columns: Which they are.
+        price: Log of how many questions of this sort there are.
+    """
+
+    what: str
+    where: str
+    columns: Rows
+    price: float = 0.0
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What stands out.
+
+    Attributes:
+        what, where: As of the question.
+        gain: Log evidence, [nats].
+        columns: Whitened, in units of the size that the data give them, (N, k).
+        rig: Terms of the rig that it is; none where the arm does it.
+        cycles: A turn of the joint, of a gear's harmonic.
+        share: Of what the fit leaves unexplained, which it explains.
+        noise: Of a noise, roots of the inverse covariance of each row's numbers beside their own, (rows, m, m).
+        joint_sigma: Noise of the joints' readings that it is, [rad].
+    """
+
+    what: str
+    where: str
+    gain: float
+    columns: Matrix = field(repr=False)
+    rig: tuple[RigTerm, ...] = ()
+    cycles: int = 0
+    share: float = 0.0
+    noise: Array3 | None = field(default=None, repr=False)
+    joint_sigma: float = 0.0
+
+    @property
+    def enters(self) -> bool:
+        """Whether it is surely there, and belongs into the fit and not into a compensation: the rig does it, or it is noise."""
+        return bool(self.rig or self.joint_sigma) and self.gain >= NAMED
+
+    def within(self, fitted: Fitted) -> Fitted:
+        """A fit with this in it."""
+        return fitted.beside(self.columns) if self.noise is None else fitted.spread(self.noise)
+
+    @property
+    def told(self) -> StandsOut:
+        """As a result tells it."""
+        return StandsOut(self.what, self.where, self.gain, cycles=self.cycles, share=self.share)
+
+    @property
+    def name(self) -> str:
+        """Which columns these are: a drift that wanders is another one."""
+        return self.rig[0].what if self.rig else f"{self.what} {self.where}"

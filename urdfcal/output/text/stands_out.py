@@ -1,0 +1,38 @@
+"""What the residuals say that the model lacks, as a table: what, where, how surely, what became of it, and what would confirm it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from urdfcal.base.terminal import figures_table, titled
+from urdfcal.calibration.asking.stands_out import OF_THE_RIG, StandsOut
+from urdfcal.calibration.result import FitResult
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+COLUMNS = ("what", "where", "gain nats", "it is", "would be confirmed by")
+
+
+def stands_out_rows(calibration: FitResult) -> list[tuple[str, ...]]:
+    """A row for each, strongest first."""
+    return [(own.words, own.where or "", f"{own.gain:.0f}", _became(own), own.confirmed_by) for own in calibration.stands_out]
+
+
+def _became(own: StandsOut) -> str:
+    if own.entered:
+        return "in the fit" if own.what in OF_THE_RIG else "in the compensation"
+    return "in the sigmas"
+
+
+def stands_out_blocks(calibration: FitResult) -> list[RenderableType]:
+    """For people; nothing where nothing stands out."""
+    if not calibration.stands_out:
+        return []
+    table = figures_table(*COLUMNS[:2])
+    table.add_column(COLUMNS[2].replace(" ", "\n"), justify="right")
+    for name in COLUMNS[3:]:
+        table.add_column(name)
+    for row in stands_out_rows(calibration):
+        table.add_row(*row)
+    return ["", titled("What the residuals ask for beside geometry", table)]
