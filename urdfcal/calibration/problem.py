@@ -18,12 +18,11 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
-from urdfcal.calibration.asking.disturbances import progress, rig_columns
+from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import CHUNK, ArmKinematics, ArmMotion, motion_at
-from urdfcal.model.rig_terms import Rig
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
@@ -105,8 +104,7 @@ class Channel:
         measured = self.readings.measured[rows]
         if not measured.any():
             return
-        view = self.view(motion, rows, x)
-        look = self.sensor.look(view, self.values[rows])
+        look, of_rig = self._look(motion, rows, x)
         by_parameter, by_joint = seen_twists(self.errors.chain, motion, placed, self.target, self.frame)
         jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
         jacobian = jac2 @ by_parameter
@@ -115,23 +113,28 @@ class Channel:
             pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
             by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
             jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        residual, own = look.residual, self.block.columns
-        if self.errors.rig is not None:
-            residual = residual - self._disturbed(self.errors.rig, view, look, measured, rows, x, jacobian)
-        linearisation.residual[rows, own] = residual if measured.all() else np.where(measured, residual, 0.0)
+        jacobian[:, :, self._rig_columns] += np.where(measured[..., None], of_rig, 0.0)
+        own = self.block.columns
+        linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
         linearisation.jacobian[rows, own] = jacobian
         if linearisation.joint_jacobian.shape[2]:
             linearisation.joint_jacobian[rows, own] = jac2 @ by_joint
         if look.lost is not None:
             linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
 
-    def _disturbed(self, rig: Rig, view: View, look: Look, measured: Mask, rows: Rows, x: Vector, jacobian: Array3) -> Matrix:
-        """By how much more the rig makes this read at x, (n, k); its columns go into the Jacobian."""
+    @cached_property
+    def _rig_columns(self) -> list[int]:
+        """Columns of x that are the rig's."""
+        return [self.errors.names.index(term.name) for term in self.errors.rig.terms] if self.errors.rig is not None else []
+
+    def _look(self, motion: ArmMotion, rows: Rows, x: Vector) -> tuple[Look, Array3]:
+        """What the sensor makes of its target at some poses, and by how much more it reads per unit of the rig's parameters."""
+        view = self.view(motion, rows, x)
+        look = self.sensor.look(view, self.values[rows])
+        if self.errors.rig is None:
+            return look, np.empty((*look.residual.shape, 0))
         at = {name: course[rows] for name, course in self.at.items()}
-        columns = np.where(measured[..., None], rig_columns(rig, self.sensor, view, look, at), 0.0)
-        own = [self.errors.names.index(term.name) for term in rig.terms]
-        jacobian[:, :, own] += columns
-        return np.asarray(columns @ x[own])
+        return disturbed(self.errors.rig, x[self._rig_columns], self.sensor, view, look, at)
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,10 @@ class Fitted:
             seen = np.abs(H[held]).sum(axis=2) > 0
             spread = H[held] @ P @ H[held].transpose(0, 2, 1) + np.eye(H.shape[1])
             off = np.where(seen, y[held] - H[held] @ x, 0.0)
-            squares = np.sum(off * np.linalg.solve(spread, off[..., None])[..., 0])
-            density -= 0.5 * (squares / scale + float(np.sum(np.linalg.slogdet(spread)[1])) + np.count_nonzero(seen) * np.log(scale))
-        return float(density + (0.0 if self.roots is None else np.sum(np.linalg.slogdet(self.roots)[1])))
+            squares = float(np.sum(off * np.linalg.solve(spread, off[..., None])[..., 0]))
+            density -= 0.5 * (squares / scale + float(np.sum(np.linalg.slogdet(spread)[1])) + np.count_nonzero(seen) * float(np.log(scale)))
+        volume = 0.0 if self.roots is None else float(np.sum(np.linalg.slogdet(self.roots)[1]))
+        return density + volume
 
     def beside(self, B: Matrix) -> Fitted:
         """The same fit with whitened columns in it, in units of their prior sigmas."""

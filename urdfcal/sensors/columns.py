@@ -12,6 +12,7 @@ from urdfcal.base.tables import Table
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.joint_columns import require_joints
+from urdfcal.sensors.pose_columns import APPROACH
 from urdfcal.sensors.readings import blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor
@@ -21,7 +22,7 @@ _OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.
 _OF_LASERS = {ending: sensor.name for sensor in SENSORS.values() if sensor.beam for ending in sensor.endings}
 _OF_NOISE = {sensor.sigma_ending for sensor in SENSORS.values() if sensor.sigma_ending}
 _OF_PICTURES = ("u", "v", "sigma_px")
-_OF_POSES = ("set", "session", "pose", "payload")
+_OF_POSES = ("set", "session", "pose", "payload", "time", "temperature")
 _FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
 _FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
 
@@ -166,6 +167,7 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
     known = {
         *meant,
         *_OF_POSES,
+        *(f"{joint.name}.{APPROACH}" for joint in robot.chain.inputs),
         *(f"{laser}.{ending}" for laser in robot.rig.lasers for ending in (*SENSORS["spot"].endings, "sigma")),
         *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
     }

@@ -17,13 +17,13 @@ from urdfcal.robot.urdf_tree import FARTHEST
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
 from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.pose_columns import pose_facts
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
-from urdfcal.sensors.repeats import last_moves
 from urdfcal.sensors.sensor import QUANTITIES, CellFault, Quantity, Sensor
 
 _LEAST_SIGMA = 1e-12  # [m] or [px]: a spot known better than that is a mistake, and its weight overflows
-_A_SIGMA, _A_MASS = "expected a standard deviation, or nothing", "expected a mass in kg, or nothing"
+_A_SIGMA = "expected a standard deviation, or nothing"
 _WHOLE_TURN = 2 * np.pi + 1e-6  # [rad] farther from zero no angle is written, but in degrees
 
 Column = tuple[str, Sequence[str | float]]  # its name and its cells
@@ -55,9 +55,10 @@ def read_measurements(
     table = with_our_names(read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose"), target or "")
     columns = columns_of(table, robot, reference or "", camera, boards or {})
     joints = JointColumns(table, columns.robot)
-    q, warnings = joints.positions, (*columns.warnings, *joints.warnings())
+    q, names = joints.positions, tuple(joint.name for joint in columns.robot.chain.inputs)
+    facts = pose_facts(table, names, q)
     return Measurements(
-        joints=tuple(joint.name for joint in columns.robot.chain.inputs),
+        joints=names,
         q=q,
         readings=_all_readings(table, columns),
         poses=_poses(table),
@@ -66,12 +67,14 @@ def read_measurements(
         source=str(path),
         sha256=table.sha256,
         lines=np.array(table.lines),
-        warnings=warnings,
+        warnings=(*columns.warnings, *joints.warnings(), *facts.warnings),
         reference=reference or "",
         camera=camera,
         boards=boards or {},
-        payload=_payload(table),
-        approach=last_moves(q),
+        payload=facts.payload,
+        approach=facts.approach,
+        time=facts.time,
+        temperature=facts.temperature,
     )
 
 
@@ -149,15 +152,6 @@ def _sigma(table: Table, target: str, how: Sensor) -> Vector:
     return sigma
 
 
-def _payload(table: Table) -> Vector | None:
-    """Masses, (n,), [kg]; an empty cell is none."""
-    if "payload" not in table.names:
-        return None
-    kilograms = np.nan_to_num(table.numbers("payload", {"kg": 1.0}, _A_MASS, empty=True, most=FARTHEST))
-    table.refuse("payload", kilograms < 0, f"is below zero; {_A_MASS}")
-    return kilograms
-
-
 def _sets(table: Table) -> Labels:
     sets = _labels(table, "set")
     table.refuse("set", ~np.isin(sets, ["", "fit", "test"]), "is neither fit nor test")
@@ -202,5 +196,6 @@ def _written_of_poses(data: Measurements) -> Iterator[Column]:
         yield "set", data.sets.tolist()
     if (data.sessions != "").any():
         yield "session", data.sessions.tolist()
-    if data.payload is not None:
-        yield "payload", data.payload.tolist()
+    for name in ("payload", "time", "temperature"):
+        if (values := getattr(data, name)) is not None:
+            yield name, values.tolist()

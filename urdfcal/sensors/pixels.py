@@ -63,7 +63,7 @@ class PixelSensor(Sensor):
         """See the base class: what the lens does beyond its calibration."""
         focal, centre = np.diag(self.camera.matrix)[:2], self.camera.matrix[:2, 2]
         bent = bent_by_a_lens((self.read(view) - centre) / focal, _LENS, "")
-        return (replace(bent, columns=bent.columns * focal[:, None]),)
+        return (replace(bent, columns=bent.columns * focal[:, None], slopes=bent.slopes * focal[:, None] / focal),)
 
     def mistakes(self) -> Mapping[str, Change]:
         """See the base class."""

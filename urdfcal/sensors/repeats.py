@@ -26,6 +26,7 @@ _GAP = 10.0  # times that the next move is longer than the longest jitter
 _WHOLE = 0.05  # share of a step by which multiples of it may be off
 _ROUNDING = 1e-9  # [rad], [m]
 _CELLS = 6  # cells through which a pose may reach
+_NO_MOVE = 1e-3  # share of a joint's range that is no move
 _APART = 10  # cells between rows that are no readings of one pose whatever their joints say
 
 
@@ -59,15 +60,22 @@ def _jitter(q: Matrix) -> float:
 
 
 def last_moves(q: Matrix) -> Matrix:
-    """Direction of each joint's last move before each row, (n, joints): -1, 0 or 1; while the arm stands still, of the move before.
+    """Direction of each joint's last move before each row, (n, joints): -1, 0 or 1; while a joint stands still, of its move before.
+
+    What is no farther than readings may scatter is no move: a thousandth of the joint's range, and no less than its resolution.
 
     Args:
         q: Joint positions in the order in which they were taken up, (n, joints), [rad] or [m].
     """
-    moves = np.diff(q, axis=0, prepend=q[:1])
-    moved = np.abs(moves) > resolution(q)
-    came = np.maximum.accumulate(np.where(moved.any(axis=1), np.arange(len(q)), 0))
-    return np.asarray(np.where(moved, np.sign(moves), 0.0)[came])
+    if not len(q):
+        return np.zeros_like(q)
+    stood, directions = q[0].copy(), np.zeros_like(q)
+    least = np.maximum(resolution(q), _NO_MOVE * np.ptp(q, axis=0))
+    for row in range(1, len(q)):  # where a joint stood when it last moved, so that it does not creep through the tolerance
+        moved = np.abs(q[row] - stood) > least
+        directions[row] = np.where(moved, np.sign(q[row] - stood), directions[row - 1])
+        stood = np.where(moved, q[row], stood)
+    return directions
 
 
 def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:

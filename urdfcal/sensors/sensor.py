@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
-from urdfcal.base.geometry import DEG, MM, SE3, Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.geometry import DEG, MM, SE3, Array3, Array4, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.robot.rig import SIX, Place
 
@@ -145,6 +145,7 @@ class Disturbance:
         unit: Of the numbers: `1/m`, `1/m^2` or the empty string.
         sigma: How large each of them usually is, a standard deviation.
         columns: What is read more per unit of each, (n, k, numbers).
+        slopes: How the columns change with what would be read without, (n, numbers, k, k).
     """
 
     what: str
@@ -152,6 +153,7 @@ class Disturbance:
     unit: str
     sigma: tuple[float, ...]
     columns: Array3
+    slopes: Array4
 
 
 class Sensor:
@@ -322,7 +324,8 @@ class Sensor:
 
 def wrong_scale(lengths: Matrix) -> Disturbance:
     """Lengths that are all read too long by the same share, (n, k)."""
-    return Disturbance("readings_scale", ("scale",), "", (1e-3,), lengths[:, :, None])
+    n, k = lengths.shape
+    return Disturbance("readings_scale", ("scale",), "", (1e-3,), lengths[:, :, None], np.broadcast_to(np.eye(k), (n, 1, k, k)))
 
 
 def bent_by_a_lens(places: Matrix, sigma: tuple[float, float], unit: str) -> Disturbance:
@@ -337,9 +340,10 @@ def bent_by_a_lens(places: Matrix, sigma: tuple[float, float], unit: str) -> Dis
     """
     y, z = places.T
     square, twice = y**2 + z**2, 2 * y * z
-    radial, first = np.stack([y * square, z * square], axis=1), np.stack([twice, square + 2 * z**2], axis=1)
-    columns = np.stack([radial, first, np.stack([square + 2 * y**2, twice], axis=1)], axis=2)
-    return Disturbance("lens", ("radial", "tangential_1", "tangential_2"), unit, (sigma[0], sigma[1], sigma[1]), columns)
+    columns = np.array([[y * square, twice, square + 2 * y**2], [z * square, square + 2 * z**2, twice]]).transpose(2, 0, 1)
+    radial = [[square + 2 * y**2, twice], [twice, square + 2 * z**2]]
+    slopes = np.array([radial, [[2 * z, 2 * y], [2 * y, 6 * z]], [[6 * y, 2 * z], [2 * z, 2 * y]]]).transpose(3, 0, 1, 2)
+    return Disturbance("lens", ("radial", "tangential_1", "tangential_2"), unit, (sigma[0], sigma[1], sigma[1]), columns, slopes)
 
 
 def point_jacobian(p: Matrix) -> Array3:

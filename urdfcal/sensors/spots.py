@@ -243,9 +243,10 @@ def _bow(view: View, spots: Matrix) -> Disturbance:
     y, z = spots.T
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = view.R[:, 1:, 2] / view.R[:, :1, 2]
-    depth = np.stack([y**2, y * z, z**2], axis=1)
-    columns = lean[:, :, None] * depth[:, None]
-    return Disturbance("screen_bow", ("bow_yy", "bow_yz", "bow_zz"), "1/m", (_BOW,) * 3, columns)
+    depth, none = np.stack([y**2, y * z, z**2], axis=1), np.zeros_like(y)
+    steep = np.array([[2 * y, none], [z, y], [none, 2 * z]]).transpose(2, 0, 1)
+    slopes = lean[:, None, :, None] * steep[:, :, None]
+    return Disturbance("screen_bow", ("bow_yy", "bow_yz", "bow_zz"), "1/m", (_BOW,) * 3, lean[:, :, None] * depth[:, None], slopes)
 
 
 def _turned(matrix: Matrix, spots: Matrix) -> Matrix:

@@ -8,7 +8,8 @@ wanders without a direction is a sum of waves over that time, each of which is s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +27,11 @@ _PER_FRAME = {"screen": "screen", "frame": "reference", "places": "reference"}
 
 @dataclass(frozen=True)
 class Moved:
-    """By how much more a channel reads per unit of a term, (n, k), and the term."""
+    """By how much more a channel reads per unit of a term, (n, k), and how that changes with what it would read without, (n, k, k)."""
 
     term: RigTerm
     column: Matrix
+    slope: Array3 | None = None
 
 
 def courses_of(data: Measurements) -> dict[str, Course]:
@@ -61,7 +63,7 @@ def disturbances(sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector
     """
     for own in sensor.disturbances(view):
         for number, (name, sigma) in enumerate(zip(own.names, own.sigma, strict=True)):
-            yield Moved(RigTerm(f"{own.what}.{name}", own.unit, sigma), own.columns[:, :, number])
+            yield Moved(RigTerm(f"{own.what}.{name}", own.unit, sigma), own.columns[:, :, number], own.slopes[:, number])
     frame, twists = _PER_FRAME[sensor.seen_from], _of_frame(view, look)
     for what, wave, along, share in _waves(at):
         for number, (name, sigma) in enumerate(zip((*SIX, "length"), (*_FRAME_SIGMA, _GROWTH), strict=True)):
@@ -85,11 +87,33 @@ def _waves(at: Mapping[str, Vector]) -> Iterator[tuple[str, str, Vector, float]]
             yield "wander", f"_{wave}", np.cos(np.pi * wave * (at["time"] + 0.5)), 1.0 / wave
 
 
-def rig_columns(rig: Rig, sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> Array3:
-    """What a sensor reads more per unit of each term of a rig, (n, k, terms)."""
-    columns = np.zeros((*look.residual.shape, len(rig.terms)))
+def disturbed(rig: Rig, b: Vector, sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> tuple[Look, Array3]:
+    """What a sensor makes of a target in a rig that disturbs it.
+
+    Where the measuring frame moves, what it does to derivatives is left out: it moves by thousandths.
+
+    Args:
+        rig: What the rig does.
+        b: By how much, (terms,).
+        sensor: What reads.
+        view: What it looks at.
+        look: What it makes of that in a rig that stands still.
+        at: Progress of each course, (n,).
+
+    Returns:
+        What it makes of it, and by how much more it reads per unit of each term, (n, k, terms).
+    """
+    n, k = look.residual.shape
+    columns, bent = np.zeros((n, k, len(rig.terms))), np.broadcast_to(np.eye(k), (n, k, k)).copy()
     place = {term.name: number for number, term in enumerate(rig.terms)}
     for moved in disturbances(sensor, view, look, at):
-        if moved.term.name in place:
-            columns[:, :, place[moved.term.name]] = moved.column
-    return np.where(np.isfinite(columns), columns, 0.0)  # a beam that meets no screen is moved nowhere
+        if (number := place.get(moved.term.name)) is not None:
+            columns[:, :, number] = _finite(moved.column)
+            bent += 0.0 if moved.slope is None else b[number] * _finite(moved.slope)
+    by_place = None if look.by_place is None else bent @ look.by_place
+    return replace(look, residual=look.residual - columns @ b, jac2=bent @ look.jac2, by_place=by_place), columns
+
+
+def _finite(numbers: Matrix | Array3) -> Any:
+    """The same; a beam that meets no screen is moved nowhere."""
+    return np.where(np.isfinite(numbers), numbers, 0.0)
