@@ -69,13 +69,10 @@ def last_moves(q: Matrix) -> Matrix:
     """
     if not len(q):
         return np.zeros_like(q)
-    stood, directions = q[0].copy(), np.zeros_like(q)
-    least = np.maximum(resolution(q), _NO_MOVE * np.ptp(q, axis=0))
-    for row in range(1, len(q)):  # where a joint stood when it last moved, so that it does not creep through the tolerance
-        moved = np.abs(q[row] - stood) > least
-        directions[row] = np.where(moved, np.sign(q[row] - stood), directions[row - 1])
-        stood = np.where(moved, q[row], stood)
-    return directions
+    moves = np.diff(q, axis=0, prepend=q[:1])
+    moved = np.abs(moves) > np.maximum(resolution(q), _NO_MOVE * np.ptp(q, axis=0))
+    came = np.maximum.accumulate(np.where(moved, np.arange(len(q))[:, None], 0), axis=0)
+    return np.asarray(np.take_along_axis(np.where(moved, np.sign(moves), 0.0), came, axis=0))
 
 
 def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:
