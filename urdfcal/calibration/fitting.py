@@ -13,6 +13,7 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.asking.disturbances import courses_of
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
+from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.questions import LEAST_GAINS, NAMED, Answer
 from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, error_table
@@ -337,9 +338,12 @@ class FitTask:
 
     def _result(self, nominal: NominalFit, fitted: _Asked, said: tuple[str, ...]) -> FitResult:
         first, clean, scaled = fitted.first, fitted.clean, fitted.scaled
-        errors, found, data = scaled.errors, fitted.widened, clean.model.data
+        errors, found, data, lacking = scaled.errors, scaled.found, clean.model.data, fitted.lacking
         linearisation = clean.model.linearise(found.belief.x)
         plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
+        if lacking is not None:
+            H = found.noise.weights(linearisation).jacobian(linearisation)
+            found = replace(found, belief=Belief(found.belief.x, lacking.widened(found.belief.P, plain, H)))
         freedom = linearisation.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
         result = FitResult(
             robot=self.robot,
@@ -369,6 +373,7 @@ class FitTask:
                 *large_scales_warning(scaled.evidence),
             ),
             stands_out=fitted.stands_out,
+            lacking=lacking,
             misfits=dict(zip(data.kinds, _misfits(self.method, found.noise, linearisation, plain), strict=True)),
         )
         return replace(result, warnings=(*result.warnings, *disagreement_warnings(result), *large_noise_warning(result)))
@@ -463,12 +468,9 @@ class _Asked:
         return tuple(sorted((*self.entered, *(own.told for own in named)), key=lambda own: -own.gain))
 
     @property
-    def widened(self) -> Estimate:
-        """The last fit, whose covariance knows what is not in it."""
-        found = self.scaled.found
-        if self.interview is None or not self.answers:
-            return found
-        return replace(found, belief=Belief(found.belief.x, self.interview.widened(found.belief.P, self.answers)))
+    def lacking(self) -> Lacking | None:
+        """What is not in the fit, and does something to it."""
+        return self.interview.lacking(self.answers) if self.interview is not None else None
 
 
 def _decided(linearisation: Linearisation, found: Estimate, stated: ErrorModel, chosen: Evidence | None) -> Identifiability:

@@ -11,6 +11,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.outliers import Outlier
@@ -97,6 +98,7 @@ class FitResult:
         together: Where readings that the fit could not explain lie together, in words: scattered bad readings do not.
         test_trimmed: Distances of the test poses without their gross outliers: (before, after); None where there are none.
         stands_out: What the residuals say that geometry lacks, strongest first.
+        lacking: What of it is not in the fit, and does something to it; None where nothing is.
         tool: Link whose accuracy is asked for; the empty string for the module or the target.
     """
 
@@ -127,6 +129,7 @@ class FitResult:
     together: tuple[str, ...] = ()
     test_trimmed: tuple[SpotTable, SpotTable] | None = None
     stands_out: tuple[StandsOut, ...] = ()
+    lacking: Lacking | None = None
     tool: str = ""
 
     @property

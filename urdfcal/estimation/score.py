@@ -104,7 +104,7 @@ class Fitted:
     @cached_property
     def P(self) -> Matrix:
         """Covariance of the parameters, in units of their prior sigmas, (p, p)."""
-        return np.linalg.inv(self.H.T @ self.H + np.eye(self.H.shape[1]))
+        return np.asarray(np.linalg.inv(self.H.T @ self.H + np.eye(self.H.shape[1])))
 
     @cached_property
     def r(self) -> Vector:

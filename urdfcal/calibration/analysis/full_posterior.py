@@ -81,6 +81,8 @@ def full_posterior(found: FitResult) -> FullPosterior:
     H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
     errors = _with_likely_scales(errors, H, residual + H @ (x - errors.mean), found)
     belief = _posterior(errors, H, residual, x)
+    if found.lacking is not None:
+        belief = Belief(belief.x, found.lacking.widened(belief.P, belief.P, H))
     a_pose = information_of_a_pose(errors, found.data, noise, x, np.random.default_rng(0))
     return FullPosterior(errors, x, belief.x, belief.P, H, a_pose, found.data.q)
 

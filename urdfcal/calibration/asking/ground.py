@@ -41,6 +41,11 @@ class Ground:
         """At the estimate."""
         return self.model.linearise(self.estimate.belief.x)
 
+    @property
+    def numbers(self) -> int:
+        """How many numbers the poses have, without what is known beforehand."""
+        return len(self.model.data) * int(self.linearisation.residual.shape[1])
+
     @cached_property
     def _weights(self) -> Weights:
         return self.estimate.noise.weights(self.linearisation)

@@ -19,6 +19,7 @@ from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.asking.gears import CYCLES, Gears
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.joint_noise import joint_noise
+from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.questions import NAMED, Answer, Question
 from urdfcal.calibration.asking.rig import rig_columns, rig_questions
 from urdfcal.estimation.score import Fitted, Score
@@ -58,25 +59,19 @@ class Interview:
         rows, folds = len(self.ground.linearisation.residual), clustered(data.q, data.configuration_of)
         return self.beside((*before, answer)).predicted(folds, rows) > self.beside(before).predicted(folds, rows)
 
-    def widened(self, P: Matrix, answers: Sequence[Answer]) -> Matrix:
-        """The covariance of a fit that does not know of what stands out, (p, p): with what that does to it.
-
-        Something B b that geometry has no word for moves the parameters by P H' B b, and leaves M B b in the residuals, as it will in
-        every reading to come. The first is added as it is, and the parameters' covariance is made as much larger as the second is than
-        what it predicts, so that predictions are off by as much as they say.
-        """
+    def lacking(self, answers: Sequence[Answer]) -> Lacking | None:
+        """What those answers do to a fit that does not know of them; None where there are none."""
         known = [answer for answer in answers if answer.noise is None]
         if not known:
-            return P
+            return None
         own, fitted = self.ground.fitted, self.beside(answers)
         p = own.H.shape[1]
         b, C = (fitted.P @ (fitted.H.T @ fitted.y))[p:], fitted.P[p:, p:]
-        through = own.H.T @ (B := np.column_stack([answer.columns for answer in known]))
-        second = np.outer(b, b) + C
-        left = float(np.sum((B.T @ B - through.T @ own.P @ through) * second))
-        predicted = p - float(np.trace(own.P))
-        moved = (own.P @ through) * self.ground.model.errors.sigma[:, None]
-        return np.asarray(P * (1 + left / predicted) + moved @ second @ moved.T)
+        B = np.column_stack([answer.columns for answer in known])
+        root = B @ np.column_stack([b, np.linalg.cholesky(C)])
+        through = own.H.T @ root
+        left = float(np.sum(root**2) - np.sum(through * (own.P @ through)))
+        return Lacking(root[: self.ground.numbers], left / (p - float(np.trace(own.P))))
 
     def _asked(self, fitted: Fitted, known: Collection[int]) -> Iterator[Answer]:
         """The best answer to each sort of question, where gears of some cycles are known."""
