@@ -94,10 +94,10 @@ def test_a_laser_without_columns_is_never_seen_and_said_so(robot: Robot, tmp_pat
 
 def test_columns_that_mean_nothing_are_named(robot: Robot, tmp_path: Path) -> None:
     """A column that means nothing is a warning with the nearest name; a joint that is not on the way is none."""
-    text = f"# c\n{HEAD},temperature [C],laser_1.sigm,slm_mount\n{ROW},20,1,0\n"
+    text = f"# c\n{HEAD},humidity [C],laser_1.sigm,slm_mount\n{ROW},20,1,0\n"
     data = read(tmp_path, text, robot)
     where = f"{tmp_path}/m.csv:2: column"
-    assert data.warnings[0].startswith(f"{where} 'temperature' means nothing here and is not used")
+    assert data.warnings[0].startswith(f"{where} 'humidity' means nothing here and is not used")
     assert data.warnings[1] == f"{where} 'laser_1.sigm' means nothing here and is not used; did you mean 'laser_1.sigma'?"
     assert data.warnings[2].startswith(f"{where} 'slm_mount' means nothing")
     side = '<link name="side"/><joint name="finger" type="continuous"><parent link="tool"/><child link="side"/></joint></robot>'

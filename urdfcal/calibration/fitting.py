@@ -279,9 +279,9 @@ class FitTask:
 
     def _with_what_pays(self, fitted: _Asked, nominal: NominalFit) -> _Asked:
         """The same with what the rig does, or noise of the joints' readings, in the fit, one after the other while the data pay for it."""
-        gravity, tried = self.gravity or Gravity(), set[str]()
+        tried = set[str]()
         while True:
-            interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, gravity))
+            interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, self.gravity))
             answers = interview.answers(_HEARD)
             fitted = replace(fitted, interview=interview, answers=tuple(answers))
             wanted = next((answer for answer in answers if answer.enters and answer.name not in tried), None)

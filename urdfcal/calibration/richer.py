@@ -34,7 +34,7 @@ from urdfcal.sensors.measurements import Measurements
 
 LEAST_GAIN = 10.0  # of log evidence, for which a richer model is believed
 _CONFIGURATIONS = 400
-_DOWN = ((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # opposite ones differ in the signs of all deflections alone
+DOWN = ((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # opposite ones differ in the signs of all deflections alone
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def judged_by_more(geometry: Judged, robot: Robot, noise: Noise, gravity: Gravit
     best, data = geometry, geometry.model.data
     if data.pose_count < LEAST_POSES:
         return best
-    pulls = [gravity] if gravity is not None else [Gravity(direction) for direction in _DOWN]
+    pulls = [gravity] if gravity is not None else [Gravity(direction) for direction in DOWN]
     for pull in pulls:
         best = _better(best, _with_sag(geometry, robot, pull, noise), noise)
         if best is not geometry:

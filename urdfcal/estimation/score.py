@@ -7,11 +7,11 @@ the fit has left of the data, r = y - H x, is M y with M = I - H P H' = (I + H P
 
 and the log evidence for the nuisance is, with the eigenvalues l_i of F and w the score in their directions,
 
-    gain(tau) = 1/2 sum of [tau^2 w_i^2 / (1 + tau^2 l_i) - log(1 + tau^2 l_i)]
+    gain(tau) = 1/2 sum of [-N log(1 - q / y'M y) - log(1 + tau^2 l_i)],    q = sum of tau^2 w_i^2 / (1 + tau^2 l_i)
 
-where the noise is stated. Where it is estimated, what the nuisance explains leaves less of it: q, the first sum, is to be read as
--N log(1 - q / y'M y) of N numbers. How large a nuisance may be is not known beforehand: tau is the best of a few sizes, and what looking
-at several costs is taken off the gain, log of their number.
+of N numbers: how large the noise is does not count, whether it was stated or not, so that noise that is merely larger than it should be
+is no nuisance. How large a nuisance may be is not known beforehand: tau is the best of a few sizes, and what looking at several costs is
+taken off the gain, log of their number.
 
 One that stands out explains some of what others seem to. So it goes into H, with its prior into P0, before they are asked again.
 """
@@ -43,7 +43,7 @@ class Fitted:
     Attributes:
         H: Jacobian, (N, p), by the parameters in units of their prior sigmas.
         y: Data less what the prior expects, (N,).
-        numbers: How many numbers decide the noise; none where it is stated.
+        numbers: How many numbers there are.
         roots: What whitens further columns once more, (rows, m, m), where noise was added since; None where none was.
     """
 
@@ -58,7 +58,7 @@ class Fitted:
         weights, sigma = noise.weights(linearisation), np.sqrt(np.diag(prior.P))
         H = weights.jacobian(linearisation) * sigma
         y = weights.residual(linearisation) + H @ ((x - prior.x) / sigma)
-        return Fitted(H, y, 0 if noise.all_stated else linearisation.count)
+        return Fitted(H, y, linearisation.count)
 
     def spread(self, roots: Array3) -> Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
@@ -71,7 +71,7 @@ class Fitted:
     def log_evidence(self) -> float:
         """Of the data, less what their whitening adds and a constant."""
         volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
-        return -0.5 * (self.numbers * float(np.log(self.total)) if self.numbers else self.total) - 0.5 * volume
+        return -0.5 * (self.numbers * float(np.log(self.total)) + volume)
 
     def predicted(self, folds: Sequence[Rows], rows: int) -> float:
         """Log density of the numbers of some rows, each fold predicted by a fit of all others, the noise included that they tell.
@@ -88,7 +88,7 @@ class Fitted:
             P = np.linalg.inv(A - own.T @ own + np.eye(len(b)))
             x = P @ (b - own.T @ y[held].ravel())
             rest = float(np.sum((y[left] - H[left] @ x) ** 2)) + float(x @ x)
-            scale = rest / max(self.numbers * len(left) / rows, 1.0) if self.numbers else 1.0
+            scale = rest / max(self.numbers * len(left) / rows, 1.0)
             seen = np.abs(H[held]).sum(axis=2) > 0
             spread = H[held] @ P @ H[held].transpose(0, 2, 1) + np.eye(H.shape[1])
             off = np.where(seen, y[held] - H[held] @ x, 0.0)
@@ -144,7 +144,7 @@ class Score:
         s: Score, (k,).
         F: Information beside the parameters, (k, k).
         total: What there is to explain.
-        numbers: How many numbers decide the noise; none where it is stated.
+        numbers: How many numbers there are.
     """
 
     s: Vector
@@ -225,4 +225,4 @@ def gains_of(s: Matrix, F: Array3, total: float, numbers: int) -> Matrix:
 
 def fits_better_by(explained: Matrix, total: float, numbers: int) -> Matrix:
     """Twice the log likelihood gained where so much of chi-squared is explained."""
-    return explained if not numbers else np.asarray(-numbers * np.log1p(-np.minimum(explained / total, _NEAR_ALL)))
+    return np.asarray(-numbers * np.log1p(-np.minimum(explained / total, _NEAR_ALL)))

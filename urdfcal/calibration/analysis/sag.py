@@ -156,7 +156,7 @@ def fit_sag(
             kept.append(extra)
     alone = setup.alone()
     held_out = setup.held_out(alone, whole, folds, rng) if folds else None
-    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not further else ()
+    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
     gain = whole.log_evidence - alone.log_evidence
     dropped = tuple(extra for extra in further if extra not in kept)
     return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.calibration.problem import Problem
+from urdfcal.calibration.richer import DOWN
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.noise import Weights
 from urdfcal.estimation.residual import Linearisation
@@ -28,13 +29,13 @@ class Ground:
         robot: The nominal robot, as it was measured.
         model: The fit's problem.
         estimate: The fit.
-        gravity: Where down is, and what is carried.
+        gravity: Where down is, and what is carried; down or along another axis of the root link if None.
     """
 
     robot: Robot
     model: Problem
     estimate: Estimate
-    gravity: Gravity = field(default_factory=Gravity)
+    gravity: Gravity | None = None
 
     @cached_property
     def linearisation(self) -> Linearisation:
@@ -59,21 +60,23 @@ class Ground:
 
     def whitened(self, columns: Array3) -> Matrix:
         """Columns (poses, m, k) in units of the noise, (N, k); what is known beforehand has none."""
+        if not columns.shape[2]:
+            return np.empty((self.linearisation.residual.size, 0))
         padded = np.zeros((*self.linearisation.residual.shape, columns.shape[2]))
         padded[: len(columns)] = columns
         padded *= np.asarray(self.linearisation.measured)[..., None]
         return self._weights.jacobian(replace(self.linearisation, jacobian=padded))
 
     @cached_property
-    def weighed(self) -> WeighedRobot:
-        """The robot with its masses, and with gravity."""
-        return WeighedRobot(self.robot, self.gravity)
+    def pulls(self) -> tuple[WeighedRobot, ...]:
+        """The robot with its masses, and with every gravity that there may be."""
+        return tuple(WeighedRobot(self.robot, pull) for pull in ([self.gravity] if self.gravity is not None else map(Gravity, DOWN)))
 
     @cached_property
     def turns(self) -> tuple[Array3, tuple[Term, ...]]:
         """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
         terms = unit_terms(self.robot.chain)
-        errors = with_softness(self.model.errors, terms, self.weighed, self.robot.rig.tip)
+        errors = with_softness(self.model.errors, terms, self.pulls[0], self.robot.rig.tip)
         x = np.concatenate([self.estimate.belief.x, np.zeros(len(terms))])
         linearised = Problem(errors, self.model.data).linearise(x)
         return linearised.jacobian[: len(self.model.data), :, len(self.estimate.belief.x) :], terms

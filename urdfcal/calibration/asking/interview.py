@@ -26,6 +26,7 @@ from urdfcal.estimation.score import Fitted, Score
 from urdfcal.model.rig_terms import RigTerm
 
 _MOST = 10  # answers
+_EXACT = 1e-4  # share of the noise's variance, under which data are exact and say nothing more
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Interview:
     def answers(self, least: float = NAMED) -> list[Answer]:
         """What stands out by so many nats, strongest first."""
         fitted, found = self.ground.fitted, list[Answer]()
-        while len(found) < _MOST:
+        while len(found) < _MOST and fitted.total > _EXACT * fitted.numbers:
             known = {answer.cycles for answer in found if answer.cycles}
             best = max(self._asked(fitted, known), key=lambda answer: answer.gain)
             if best.gain < least:

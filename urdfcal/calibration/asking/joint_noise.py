@@ -23,7 +23,7 @@ def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
         roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
         spread = fitted.spread(roots)
         gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
-        scale = np.sqrt(spread.total / spread.numbers) if spread.numbers else 1.0  # what is left of the sensor's own noise
+        scale = np.sqrt(spread.total / spread.numbers)  # what is left of the sensor's own noise
         tried.append((gain, float(sigma * scale), roots, 1 - spread.total / fitted.total))
     gain, sigma, roots, share = max(tried, key=lambda each: each[0])
     price = float(np.log(len(tried)))

@@ -18,6 +18,8 @@ def rig_columns(ground: Ground) -> tuple[Array3, list[RigTerm]]:
     model, terms, found = ground.model, dict[str, RigTerm](), list[tuple[slice, str, Matrix]]()
     at = progress(model.data, courses_of(model.data))
     for channel, view in zip(model.channels, model.views(ground.estimate.belief.x), strict=True):
+        if not channel.readings.measured.any():
+            continue
         look = channel.sensor.look(view, channel.values)
         for moved in disturbances(channel.sensor, view, look, at):
             terms.setdefault(moved.term.name, moved.term)
