@@ -66,9 +66,9 @@ def rms_in_words(table: SpotTable) -> str:
     return f"{rms_of(table):.4g} {main_unit(table)}"
 
 
-def rms_of(table: SpotTable) -> float:
-    """Root mean square of the distances over all lasers or targets, in the main unit."""
-    unit = main_unit(table)
+def rms_of(table: SpotTable, unit: str = "") -> float:
+    """Root mean square of the distances over all lasers or targets, in the main unit unless another is named."""
+    unit = unit or main_unit(table)
     rows = [row for row in table.values() if row.unit == unit]
     count = sum(row.n for row in rows)
     return float(np.sqrt(sum(row.n * (row.mean**2 + row.std**2) for row in rows) / max(count, 1)))

@@ -39,6 +39,7 @@ from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
+from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import (
     Measurements,
@@ -50,6 +51,7 @@ from urdfcal.sensors.measurements import (
     placed_by_session,
     require_screen_of_camera,
 )
+from urdfcal.sensors.registry import noun
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
@@ -157,10 +159,10 @@ def with_test(calibration: Result, test: Measurements) -> Result:
         )
     _require_same_instruments(calibration, test)
     test = widened(test, calibration.extra_noise)
-    noise = calibration.estimate.noise
+    noise = calibration.noise_for(test)
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
     whole = problem_of(test_errors, test, noise)
-    trimmed, outliers = without_gross_outliers(whole, calibration.estimate)
+    trimmed, outliers = without_gross_outliers(whole, replace(calibration.estimate, noise=noise))
     measured = within_reach(whole, x) if outliers else whole
 
     def tables(model: Problem) -> tuple[SpotTable, SpotTable]:
@@ -219,6 +221,29 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
         strange = strange or ["other joints or lasers"]
     if strange:
         raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
+    _require_placed(calibration, test)
+
+
+def _require_placed(calibration: FitResult, test: Measurements) -> None:
+    """Refuse readings that depend on a placement of which the fitted ones say nothing: orientations of what was a point.
+
+    Raises:
+        UsageError: names them.
+    """
+    told = {slot.label: set(slot.names) for slot in calibration.errors.slots if slot.kind == "target"}
+    labels = {target.name: target.placed_by for target in test.instruments.targets}
+    no_frame = test.instruments.placed and not calibration.data.instruments.placed
+    for reading in (reading for reading in test.readings if not reading.kind.beam and reading.seen.any()):
+        what = ""
+        if not set(reading.kind.offset) <= told.get(labels[reading.target], set(SIX)):
+            what = f"how {reading.target} is turned on its link"
+        elif no_frame and reading.kind.seen_from == "frame":
+            what = "where the measuring frame stands"
+        if what:
+            raise UsageError(
+                f"the test poses have {noun(reading.noise)} of {reading.target}, but the fitted ones do not tell {what}; leave them out, "
+                "or let some of their poses be fitted, too"
+            )
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, in_pixels
 from urdfcal.sensors.registry import WORDS, start_sigma_of
 from urdfcal.sensors.spots import screen_before
-from urdfcal.sensors.stated_noise import stating_kinds
+from urdfcal.sensors.stated_noise import noise_for, stating_kinds
 
 _MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere
 _SURELY = 3.0  # sigmas of a prior that was stated wider than that
@@ -181,6 +181,10 @@ class FitResult:
                 words = misfit_words(self.misfits, kind, stated=True)
                 return f"{words}, chi-square is limited to {CHI_SQUARED_LIMIT:g}; look for outliers or state the noise that there is"
         return ""
+
+    def noise_for(self, data: Measurements) -> Noise:
+        """The noise that was assumed at the end, for the kinds of readings that another set has."""
+        return noise_for(self.estimate.noise, self.kinds, data)
 
     def noise_of(self, kind: str) -> float | None:
         """Standard deviation that was assumed of a kind of reading at the end, [m], [rad] or [px]; None where there was none of it."""
