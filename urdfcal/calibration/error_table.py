@@ -8,7 +8,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Vector
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.sensors.sensor import UNITS
+from urdfcal.sensors.sensor import MAIN_UNIT, UNITS
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def error_table(linearisation: Linearisation, poses: int) -> SpotTable:
 def main_unit(table: SpotTable) -> str:
     """`mm`, or the first row's unit where nothing is in mm."""
     units = [row.unit for row in table.values()]
-    return units[0] if units and "mm" not in units else "mm"
+    return units[0] if units and MAIN_UNIT not in units else MAIN_UNIT
 
 
 def rms_in_words(table: SpotTable) -> str:

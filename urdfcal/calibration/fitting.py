@@ -17,12 +17,11 @@ from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, 
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
-    has_spots_in_metres,
     is_credible,
     require_beams_on_screen,
     require_sane_readings,
     searched_start,
-    start_of_pixels,
+    start_of,
     with_scale,
 )
 from urdfcal.calibration.start.nominal import NominalFit, nominal_fit, with_new_places
@@ -47,7 +46,6 @@ from urdfcal.sensors.measurements import (
     copies_warning,
     fit_and_test,
     fitted_poses_warning,
-    in_pixels,
     placed_by_session,
     require_screen_of_camera,
 )
@@ -216,8 +214,8 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
     known = {frame.name for frame in calibration.errors.chain.frames if frame.role == "target"}
     strange = [target.name for target in test.instruments.targets if target.name not in known]
     fitted = calibration.data
-    pixels = [in_pixels(data) for data in (test, fitted)]
-    if test.joints != fitted.joints or test.lasers != fitted.lasers or pixels == [True, False]:
+    other_camera = test.corrects_camera and not fitted.corrects_camera
+    if test.joints != fitted.joints or test.lasers != fitted.lasers or other_camera:
         strange = strange or ["other joints or lasers"]
     if strange:
         raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
@@ -291,9 +289,9 @@ class FitTask:
     def _first(self, nominal: NominalFit, data: Measurements, noise: Noise) -> _First:
         """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
         errors = nominal.errors
-        start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
+        start = start_of(data, errors, noise, nominal.x, self.sane)
         first = _first_fit(replace(self.method, start=start), problem_of(errors, data, noise), nominal.x, noise)
-        if not has_spots_in_metres(data) or self.method.as_published or is_credible(first.model, first.found, noise):
+        if not data.has_spots or self.method.as_published or is_credible(first.model, first.found, noise):
             return first
         begun = searched_start(first.model, noise, self.sane)
         return _first_fit(replace(self.method, start=begun.x), problem_of(begun.errors, data, noise), begun.x, noise, begun.message)

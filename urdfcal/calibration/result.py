@@ -25,7 +25,7 @@ from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, in_pixels
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
 from urdfcal.sensors.spots import screen_before
 from urdfcal.sensors.stated_noise import noise_for, stating_kinds
@@ -238,11 +238,13 @@ class FitResult:
                     f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
                     "check their order, units and axes, or state the noise if there is so much"
                 )
-        if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
-            return (
-                f"the spots scatter by {WORDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
-                f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
-            )
+        for name in sorted({reading.noise for reading in self.data.readings if reading.kind.on_screen} & estimated.keys()):
+            angle, kind = estimated[name] / self._beam_length, WORDS[name]
+            if angle > _MOST_WANDER:
+                return (
+                    f"the {kind.several} scatter by {kind.told(estimated[name])} after the fit, as if beams were off by "
+                    f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
+                )
         return ""
 
     @property
@@ -332,7 +334,7 @@ def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> 
     Raises:
         UsageError: no spots were read as pixels.
     """
-    if not in_pixels(data):
+    if not data.corrects_camera:
         raise UsageError("no laser spots were read as pixels, so the fit corrects no camera")
     camera: Any = data.camera
     names = [f"camera.{name}" for name in SIX]

@@ -25,7 +25,6 @@ from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector, product
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import poses_in_view
 from urdfcal.calibration.result import FitResult
-from urdfcal.calibration.start.begin import has_spots_in_metres
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.robot.robot import Robot
@@ -36,7 +35,7 @@ from urdfcal.sensors.spots import beams_at
 
 def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:
     """How far off the spots still are over the workspace, by the fit's covariance; None where no laser was seen."""
-    if not has_spots_in_metres(calibration.data):
+    if not calibration.data.has_spots:
         return None
     errors, x = calibration.errors, calibration.x
     q = poses_in_view(robot, errors, x, calibration.data, rng)
