@@ -14,9 +14,11 @@ import numpy as np
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.start.hypotheses import Hypothesis, best_hypothesis, best_reading_hypothesis, readings_explained
+from urdfcal.calibration.start.hypotheses import Hypothesis
+from urdfcal.calibration.start.reading_hypotheses import best_reading_hypothesis, readings_explained
 from urdfcal.calibration.start.references import links_of_reference
 from urdfcal.calibration.start.rig_search import INCREDIBLE, Start, find_start
+from urdfcal.calibration.start.spot_hypotheses import best_spot_hypothesis
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
@@ -54,7 +56,7 @@ def searched_start(model: Problem, noise: Noise, sane: bool) -> Start:
     """
     begun = find_start(model, noise)
     if sane and not begun.plausible:
-        _refuse(best_hypothesis(model, noise))
+        _refuse(best_spot_hypothesis(model, noise))
     return begun
 
 
