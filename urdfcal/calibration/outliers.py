@@ -146,7 +146,7 @@ def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, 
     judged = judged_by_more(Judged(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
     if not judged.names:
         return apart
-    regained = int(np.count_nonzero(judged.kept & ~apart.kept))
+    regained = int(np.count_nonzero((judged.kept & ~apart.kept)[: len(model.data)]))
     return _keeping(judged.kept, replace(apart, beyond=judged.names, regained=regained), model, prior, noise)
 
 
@@ -174,7 +174,7 @@ def _keeping(kept: Mask, apart: _Apart, model: Problem, prior: Belief, noise: No
 def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tuple[Outlier, ...]]:
     """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
 
-    A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
+    A fit that is bad on all of these poses keeps them all: see `robust.gross_outliers`.
 
     Args:
         model: Of poses that were not fitted.

@@ -102,16 +102,11 @@ class _Set:
         return np.asarray(used)
 
 
-def worst_cluster(found: FitResult) -> Cluster | None:
-    """The cluster of poses at which the calibrated robot is worst, of those where it is worse than the nominal one; None if it never is.
+def worst_clusters(found: FitResult) -> list[Cluster]:
+    """The cluster of each set at which the calibrated robot is worst, of those where it is worse than the nominal one; gravest first.
 
     All readings count, of the fitted, the test and the left-out poses.
     """
-    return next(iter(worst_clusters(found)), None)
-
-
-def worst_clusters(found: FitResult) -> list[Cluster]:
-    """The worst one of each set, the gravest first."""
     clusters = [cluster for each in (*_held_out(found), *_fitted(found)) if (cluster := _worst_of(found, each)) is not None]
     return sorted(clusters, key=lambda cluster: -cluster.calibrated / max(cluster.usual, ROUNDING))
 

@@ -97,28 +97,6 @@ def spot_accuracy(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) 
     return SpotAccuracy(errors.chain.laser_names, tuple(len(column) for column in own), *levels.T)
 
 
-def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
-    """Predicted error of a link's pose relative to the base link; see the head of this module for what that means.
-
-    Args:
-        robot: Nominal robot; left unchanged.
-        errors: Names, order and units of the parameters.
-        covariance: Of the parameters, (p, p).
-        x: Error parameters, (p,), [m] and [rad].
-        link: A link that the calibrated joints move; joints of no concern to the calibration stay at neutral.
-        q: Measured joint positions, (n, inputs), [rad] or [m].
-
-    Returns:
-        (n, 2): root of the expected squared position error [m] and rotation error [rad].
-
-    Raises:
-        RobotError: no such link, or no calibrated joint moves it.
-        ShapeMismatch: covariance, x or q does not fit.
-    """
-    jacobian = tool_jacobian(robot, errors, x, link, q)
-    return np.stack([spread(jacobian[:, :3], covariance), spread(jacobian[:, 3:], covariance)], axis=-1)
-
-
 def spread(jacobian: Array3 | Array4, covariance: Matrix) -> Matrix:
     """Root of the trace of J P J' for a stack of Jacobians (..., k, p), (...)."""
     p = jacobian.shape[-1]
