@@ -87,3 +87,64 @@ def test_an_ekf_fit_does_not_load_scipy() -> None:
     """The default road of `fit` stays off scipy, which takes longer to load than the fit takes; also with columns, and with points."""
     done = subprocess.run([sys.executable, "-c", FITS], capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
+
+
+def words_of_sensors() -> set[str]:
+    """Names of sensors and of their noise, and the units that people read them in."""
+    from urdfcal.sensors.registry import SENSORS
+    from urdfcal.sensors.sensor import UNITS
+
+    return {*SENSORS, *(sensor.noise for sensor in SENSORS.values()), *UNITS}
+
+
+ASKS_BY_NAME = {
+    "urdfcal.model.options": "priors in a file are in mm or deg",
+    "urdfcal.calibration.rig_file": "the squares of a board are in mm or m",
+    "urdfcal.calibration.analysis.online": "knows no readings but spots",
+    "urdfcal.cli.inputs": "--spot-sigma-mm is the spots' own",
+    "urdfcal.vision.bench.beams": "columns of a bench are in mm or m",
+    "urdfcal.output.view.screen": "a node of the scene is called so",
+    "urdfcal.output.view.legend": "figures in mm need no unit",
+    "urdfcal.output.view.key_frames": "figures in mm go first",
+}
+
+
+def constants_asked_for(node: ast.AST) -> set[str]:
+    """Strings that something is compared with or looked up by."""
+    if isinstance(node, ast.Compare):
+        asked: list[ast.AST] = [node.left, *node.comparators]
+    elif isinstance(node, ast.Subscript):
+        asked = [node.slice]
+    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in ("get", "pop"):
+        asked = list(node.args[:1])
+    elif isinstance(node, ast.MatchValue):
+        asked = [node.value]
+    else:
+        return set()
+    every = [each for one in asked for each in (one.elts if isinstance(one, ast.Tuple | ast.List | ast.Set) else [one])]
+    return {each.value for each in every if isinstance(each, ast.Constant) and isinstance(each.value, str)}
+
+
+def asks_which_sensor(name: str) -> set[str]:
+    """What a module asks for by a sensor's name, its unit or its class."""
+    from urdfcal.sensors.registry import SENSORS
+
+    tree = ast.parse(MODULES[name].read_text("utf-8"))
+    names = {word for node in ast.walk(tree) for word in constants_asked_for(node)} & words_of_sensors()
+    classes = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return names | classes & {type(sensor).__name__ for sensor in SENSORS.values()}
+
+
+def test_only_sensors_know_which_sensor_it_is() -> None:
+    """Outside `sensors` no module compares or looks up by a sensor's name or unit: it asks the sensor, or the measurements."""
+    asking = {name: found for name in MODULES if ".sensors." not in name and (found := asks_which_sensor(name))}
+    assert {name: found for name, found in asking.items() if name not in ASKS_BY_NAME} == {}
+    assert set(asking) == set(ASKS_BY_NAME)
+
+
+@pytest.mark.parametrize(
+    "line", ["x.sensor == 'spot'", "if x.name in ('pixel', 'point'): pass", "x.unit != 'deg'", "kinds['orientation']", "a.get('socket')"]
+)
+def test_asking_by_name_is_seen(line: str) -> None:
+    """The test above sees comparisons and look-ups."""
+    assert {word for node in ast.walk(ast.parse(line)) for word in constants_asked_for(node)} & words_of_sensors()

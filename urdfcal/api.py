@@ -34,7 +34,7 @@ from urdfcal.output.text.result import text_report
 from urdfcal.robot.corrections import Applicable
 from urdfcal.robot.robot import Robot, load_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.sensors.measurements import Measurements, in_pixels, measurements_from
+from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ class Calibration(FitResult, Applicable):
         from urdfcal.output.view.viewer import view_of
 
         corrected = with_text(self.robot, self.urdf())
-        data = replace(self.data, camera=self.corrected_camera()) if in_pixels(self.data) else self.data
+        data = replace(self.data, camera=self.corrected_camera()) if self.data.corrects_camera else self.data
         return view_of(self.robot, data, corrected, magnify, held_instruments(self.errors, self.data.instruments.places))
 
     def corrected_camera(self) -> Camera:

@@ -103,7 +103,7 @@ def test_both_variances_are_found(method: object, pose: float, own: float, rng: 
     assert found.converged
     loose = 0.1 if method is iteratively_reweighted else 0.06
     assert found.noise.sigma_in_common[0] == pytest.approx(pose, rel=loose, abs=0.05)
-    assert found.noise.sigma_of_reading[0] == pytest.approx(own, rel=loose, abs=1e-9)
+    assert np.sqrt(found.noise.sigma[0] ** 2 - found.noise.sigma_in_common[0] ** 2) == pytest.approx(own, rel=loose, abs=1e-9)
     assert np.all(np.abs(found.belief.x - x) < 4 * np.sqrt(np.diag(found.belief.P)))
 
 

@@ -10,9 +10,10 @@ import pytest
 from urdfcal.api import fit
 from urdfcal.calibration.error_table import rms_of
 from urdfcal.calibration.reach import draw_poses
+from urdfcal.estimation.ekf import Belief, iterated_schedule
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation
-from urdfcal.estimation.robust import _limits, degrees, mahalanobis_squared, robust_scale
+from urdfcal.estimation.robust import Observations, _limits, degrees, inliers, mahalanobis_squared, robust_scale
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
@@ -43,6 +44,23 @@ def test_chance_and_scale_are_right_for_any_number_of_numbers(numbers: int, rng:
     few = replace(here, residual=residual[:100], measured=here.measured[:100], stated_sigma=blank[:100])
     share = float(np.mean(d2 > _limits(few)[0, 0]))  # a hundredth of the sets of a hundred lose one
     assert 0.5e-4 < share < 2e-4
+
+
+def test_what_is_known_beforehand_is_no_reading(rng: np.random.Generator) -> None:
+    """A known row is never taken out, however far off, and does not count where it is asked whether too many readings are."""
+    n, known = 40, 40
+    blocks, rows = (Block("target", slice(0, 1)),), n + known
+    residual, blank = rng.normal(size=(rows, 1)), np.full((rows, 1), np.nan)
+    residual[-1] = 1e4
+    J = np.zeros((rows, 1, 1))
+    here = Linearisation(residual, J, np.empty((rows, 1, 0)), blank != 0, blank, blocks=blocks, known=known)
+    prior, noise = Belief.independent(np.zeros(1), np.ones(1)), Noise(1.0, np.zeros(0))
+    observed = Observations.of(lambda _: here, prior.x)
+    found = iterated_schedule(lambda _: here, prior, noise)
+    assert inliers(observed, prior, found).all()
+    assert observed.too_few(np.arange(rows)[:, None] >= n // 2)
+    assert not observed.too_few(np.arange(rows)[:, None] < n)
+    assert _limits(here)[0, 0] == _limits(here.of_poses(n))[0, 0]
 
 
 def test_squared_distances_are_chi_squared_of_two(rng: np.random.Generator) -> None:

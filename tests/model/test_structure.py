@@ -12,6 +12,7 @@ from urdfcal.base.geometry import DEG, MM, SE3, Vector
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, PriorScale
 from urdfcal.model.structure import full_pose_jacobian
 from urdfcal.robot.description import Description
 from urdfcal.robot.rig import SIX, Instruments, Target
@@ -109,3 +110,18 @@ def test_a_state_is_complete_and_harmless(seed: int) -> None:
         for errors, jacobian in ((auto, own), (every, all_six))
     ]
     assert corrections[0] < 3 * corrections[1]
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_stated_priors_decide_what_is_costly(seed: int) -> None:
+    """Translations that are known to a micron enter only where nothing carries them, angles in their place; no prior is the usual one."""
+    robot, _ = random_tree(seed)
+    stated = (PriorScale(1e-6, DEFAULT_PRIORS["joint"].rotation), PriorScale(FLAT, FLAT))
+    usual, tight, flat = (
+        build_error_model(robot.chain, robot.rig, ModelOptions(priors={"joint": prior})) for prior in (DEFAULT_PRIORS["joint"], *stated)
+    )
+    lengths, known = ({each.name for each in errors.parameters if each.unit == "m"} for errors in (usual, tight))
+    assert known <= lengths
+    assert set(usual.names) - lengths <= set(tight.names)
+    assert usual.names != tight.names
+    assert usual.names == flat.names

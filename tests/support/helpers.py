@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector, distance_mm_mrad
+from urdfcal.calibration.analysis.prediction import spread, tool_jacobian
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.robot.robot import Robot, robot_from
 from urdfcal.sensors.measurements import Measurements
@@ -56,3 +57,25 @@ def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, count: int, rng: 
         good = (np.abs(beams.direction[..., 0]) > least_zx) & (beams.length > 0) & (beams.length < 3)
         found = np.vstack([found, q[good.all(axis=1)]])
     return found[:count]
+
+
+def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
+    """Predicted error of a link's pose relative to the base link: see `prediction`.
+
+    Args:
+        robot: Nominal robot; left unchanged.
+        errors: Names, order and units of the parameters.
+        covariance: Of the parameters, (p, p).
+        x: Error parameters, (p,), [m] and [rad].
+        link: A link that the calibrated joints move; joints of no concern to the calibration stay at neutral.
+        q: Measured joint positions, (n, inputs), [rad] or [m].
+
+    Returns:
+        (n, 2): root of the expected squared position error [m] and rotation error [rad].
+
+    Raises:
+        RobotError: no such link, or no calibrated joint moves it.
+        ShapeMismatch: covariance, x or q does not fit.
+    """
+    jacobian = tool_jacobian(robot, errors, x, link, q)
+    return np.stack([spread(jacobian[:, :3], covariance), spread(jacobian[:, 3:], covariance)], axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Vector
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.sensors.sensor import UNITS
+from urdfcal.sensors.sensor import MAIN_UNIT, UNITS
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def error_table(linearisation: Linearisation, poses: int) -> SpotTable:
 def main_unit(table: SpotTable) -> str:
     """`mm`, or the first row's unit where nothing is in mm."""
     units = [row.unit for row in table.values()]
-    return units[0] if units and "mm" not in units else "mm"
+    return units[0] if units and MAIN_UNIT not in units else MAIN_UNIT
 
 
 def rms_in_words(table: SpotTable) -> str:
@@ -66,9 +66,9 @@ def rms_in_words(table: SpotTable) -> str:
     return f"{rms_of(table):.4g} {main_unit(table)}"
 
 
-def rms_of(table: SpotTable) -> float:
-    """Root mean square of the distances over all lasers or targets, in the main unit."""
-    unit = main_unit(table)
+def rms_of(table: SpotTable, unit: str = "") -> float:
+    """Root mean square of the distances over all lasers or targets, in the main unit unless another is named."""
+    unit = unit or main_unit(table)
     rows = [row for row in table.values() if row.unit == unit]
     count = sum(row.n for row in rows)
     return float(np.sqrt(sum(row.n * (row.mean**2 + row.std**2) for row in rows) / max(count, 1)))

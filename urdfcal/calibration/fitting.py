@@ -23,12 +23,11 @@ from urdfcal.calibration.outliers import CleanFit, Judge, fit_without_outliers, 
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult, disagreement_warnings, large_noise_warning, large_scales_warning, too_few_warning
 from urdfcal.calibration.start.begin import (
-    has_spots_in_metres,
     is_credible,
     require_beams_on_screen,
     require_sane_readings,
     searched_start,
-    start_of_pixels,
+    start_of,
     with_scale,
 )
 from urdfcal.calibration.start.nominal import NominalFit, nominal_fit, with_new_places
@@ -45,6 +44,7 @@ from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
+from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import (
     Measurements,
@@ -52,10 +52,10 @@ from urdfcal.sensors.measurements import (
     copies_warning,
     fit_and_test,
     fitted_poses_warning,
-    in_pixels,
     placed_by_session,
     require_screen_of_camera,
 )
+from urdfcal.sensors.registry import noun
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
@@ -165,10 +165,10 @@ def with_test(calibration: Result, test: Measurements) -> Result:
         )
     _require_same_instruments(calibration, test)
     test = widened(test, calibration.extra_noise)
-    noise = calibration.estimate.noise
+    noise = calibration.noise_for(test)
     test_errors, x = with_new_places(calibration.errors, calibration.x, test, noise)
     whole = problem_of(test_errors, test, noise)
-    trimmed, outliers = without_gross_outliers(whole, calibration.estimate)
+    trimmed, outliers = without_gross_outliers(whole, replace(calibration.estimate, noise=noise))
     measured = within_reach(whole, x) if outliers else whole
 
     def tables(model: Problem) -> tuple[SpotTable, SpotTable]:
@@ -222,11 +222,34 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
     known = {frame.name for frame in calibration.errors.chain.frames if frame.role == "target"}
     strange = [target.name for target in test.instruments.targets if target.name not in known]
     fitted = calibration.data
-    pixels = [in_pixels(data) for data in (test, fitted)]
-    if test.joints != fitted.joints or test.lasers != fitted.lasers or pixels == [True, False]:
+    other_camera = test.corrects_camera and not fitted.corrects_camera
+    if test.joints != fitted.joints or test.lasers != fitted.lasers or other_camera:
         strange = strange or ["other joints or lasers"]
     if strange:
         raise UsageError(f"the test poses were measured with other instruments than the fitted ones: {', '.join(strange)}")
+    _require_placed(calibration, test)
+
+
+def _require_placed(calibration: FitResult, test: Measurements) -> None:
+    """Refuse readings that depend on a placement of which the fitted ones say nothing: orientations of what was a point.
+
+    Raises:
+        UsageError: names them.
+    """
+    told = {slot.label: set(slot.names) for slot in calibration.errors.slots if slot.kind == "target"}
+    labels = {target.name: target.placed_by for target in test.instruments.targets}
+    no_frame = test.instruments.placed and not calibration.data.instruments.placed
+    for reading in (reading for reading in test.readings if not reading.kind.beam and reading.seen.any()):
+        what = ""
+        if not set(reading.kind.offset) <= told.get(labels[reading.target], set(SIX)):
+            what = f"how {reading.target} is turned on its link"
+        elif no_frame and reading.kind.seen_from == "frame":
+            what = "where the measuring frame stands"
+        if what:
+            raise UsageError(
+                f"the test poses have {noun(reading.noise)} of {reading.target}, but the fitted ones do not tell {what}; leave them out, "
+                "or let some of their poses be fitted, too"
+            )
 
 
 @dataclass(frozen=True)
@@ -312,9 +335,9 @@ class FitTask:
     def _first(self, nominal: NominalFit, data: Measurements, noise: Noise) -> _First:
         """A fit of all that was measured, from where the priors have it or, if need be, from where it is found to be."""
         errors = nominal.errors
-        start = start_of_pixels(data, errors, noise, self.sane) if in_pixels(data) else nominal.x
+        start = start_of(data, errors, noise, nominal.x, self.sane)
         first = _first_fit(replace(self.method, start=start), problem_of(errors, data, noise), nominal.x, noise)
-        if not has_spots_in_metres(data) or self.method.as_published or is_credible(first.model, first.found, noise):
+        if not data.has_spots or self.method.as_published or is_credible(first.model, first.found, noise):
             return first
         begun = searched_start(first.model, noise, self.sane)
         return _first_fit(replace(self.method, start=begun.x), problem_of(begun.errors, data, noise), begun.x, noise, begun.message)

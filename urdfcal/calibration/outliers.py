@@ -25,7 +25,7 @@ from urdfcal.estimation.robust import Observations, gate, gross_outliers, inlier
 from urdfcal.model.gravity import Gravity
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.sensor import UNITS
+from urdfcal.sensors.sensor import MAIN_UNIT, UNITS
 
 _NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
 
@@ -146,7 +146,7 @@ def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, 
     judged = judged_by_more(Judged(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
     if not judged.names:
         return apart
-    regained = int(np.count_nonzero(judged.kept & ~apart.kept))
+    regained = int(np.count_nonzero((judged.kept & ~apart.kept)[: len(model.data)]))
     return _keeping(judged.kept, replace(apart, beyond=judged.names, regained=regained), model, prior, noise)
 
 
@@ -174,7 +174,7 @@ def _keeping(kept: Mask, apart: _Apart, model: Problem, prior: Belief, noise: No
 def without_gross_outliers(model: Problem, found: Estimate) -> tuple[Problem, tuple[Outlier, ...]]:
     """Poses that were not fitted, without the spots that are far beyond what the fit makes them expect; and which those are.
 
-    A fit that is bad on all of these poses keeps them all: see `robust.beyond_belief`.
+    A fit that is bad on all of these poses keeps them all: see `robust.gross_outliers`.
 
     Args:
         model: Of poses that were not fitted.
@@ -215,7 +215,7 @@ def _told_apart(method: Method, model: Problem, prior: Belief, noise: Noise, fir
 
 def _with_swaps_undone(model: Problem, clean: Estimate) -> tuple[Measurements, tuple[Outlier, ...]]:
     """The measurements with beams exchanged that were read for each other."""
-    beams = [channel for channel in model.channels if channel.sensor.name == "spot"]
+    beams = [channel for channel in model.channels if channel.sensor.on_screen]
     if len(beams) < 2:
         return model.data, ()
     data, linearisation = model.data, model.linearise(clean.belief.x)
@@ -238,10 +238,10 @@ def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...
         if not lost[pose, index]:
             size = UNITS[block.unit]
             away = float(np.linalg.norm(linearisation.residual[pose, block.columns])) / size
-            others = "the other spots" if model.channels[index].sensor.name == "spot" else "the other readings"
+            others = model.channels[index].sensor.others
             words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
         kind: Literal["far", "missed"] = "missed" if lost[pose, index] else "far"
-        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == "mm" else None, words, kind))
+        outliers.append(Outlier(data.where(pose), block.name, away if block.unit == MAIN_UNIT else None, words, kind))
     return tuple(outliers)
 
 

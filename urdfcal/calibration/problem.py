@@ -27,7 +27,6 @@ from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
-from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
@@ -171,11 +170,11 @@ class Problem:
         chain, data, first = self.errors.chain, self.data, 0
         at = progress(data, self.errors.rig.courses) if self.errors.rig is not None else {}
         for reading in data.readings:
-            sensor = SENSORS[reading.sensor].with_camera(data.camera)
+            sensor = data.sensor_of(reading)
             name = reading.link if reading.link in data.boards else reading.target
             columns = slice(first, first + sensor.numbers)
             block = Block(f"{name} {sensor.title}".strip(), columns, data.kinds.index(sensor.noise), sensor.words.unit)
-            target = chain.frame_index("laser" if sensor.beam else "target", reading.target)
+            target = chain.frame_index(sensor.role, reading.target)
             yield Channel(reading, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block, at)
             first = columns.stop
 

@@ -27,10 +27,10 @@ from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, in_pixels
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
 from urdfcal.sensors.spots import screen_before
-from urdfcal.sensors.stated_noise import stating_kinds
+from urdfcal.sensors.stated_noise import noise_for, stating_kinds
 
 _MOST_TURN, _MOST_SHIFT = 60 * DEG, 100 * MM  # joint errors beyond are a mistake somewhere
 _SURELY = 3.0  # sigmas of a prior that was stated wider than that
@@ -188,6 +188,10 @@ class FitResult:
                 return f"{words}, chi-square is limited to {CHI_SQUARED_LIMIT:g}; look for outliers or state the noise that there is"
         return ""
 
+    def noise_for(self, data: Measurements) -> Noise:
+        """The noise that was assumed at the end, for the kinds of readings that another set has."""
+        return noise_for(self.estimate.noise, self.kinds, data)
+
     def noise_of(self, kind: str) -> float | None:
         """Standard deviation that was assumed of a kind of reading at the end, [m], [rad] or [px]; None where there was none of it."""
         return float(self.estimate.noise.sigma[self.kinds.index(kind)]) if kind in self.kinds else None
@@ -240,11 +244,13 @@ class FitResult:
                     f"the {kind.several} scatter by {kind.told(scatter)} after the fit, and no instrument reads so; "
                     "check their order, units and axes, or state the noise if there is so much"
                 )
-        if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
-            return (
-                f"the spots scatter by {WORDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
-                f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
-            )
+        for name in sorted({reading.noise for reading in self.data.readings if reading.kind.on_screen} & estimated.keys()):
+            angle, kind = estimated[name] / self._beam_length, WORDS[name]
+            if angle > _MOST_WANDER:
+                return (
+                    f"the {kind.several} scatter by {kind.told(estimated[name])} after the fit, as if beams were off by "
+                    f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
+                )
         return ""
 
     @property
@@ -339,7 +345,7 @@ def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> 
     Raises:
         UsageError: no spots were read as pixels.
     """
-    if not in_pixels(data):
+    if not data.corrects_camera:
         raise UsageError("no laser spots were read as pixels, so the fit corrects no camera")
     camera: Any = data.camera
     names = [f"camera.{name}" for name in SIX]

@@ -195,7 +195,6 @@ def fit(
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
     from urdfcal.output.text.sag import asked_for, in_compensation, pair_words, sag_blocks, sag_json
-    from urdfcal.sensors.measurements import in_pixels
 
     def rng() -> np.random.Generator:
         return np.random.default_rng(seed)
@@ -209,7 +208,7 @@ def fit(
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
     wish = sag_wish(sag, gravity, payload, also)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
-    outputs = replace(outputs, camera=in_pixels(data))
+    outputs = replace(outputs, camera=data.corrects_camera)
     require_places(*outputs.places.values(), inputs=inputs)
     outputs.require_free(output)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])

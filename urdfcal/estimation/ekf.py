@@ -256,7 +256,16 @@ def _cost(linearisation: Linearisation, weights: Weights, x: Vector, prior: Beli
 
 def posterior(linearisation: Linearisation, prior: Belief, noise: Noise) -> Matrix:
     """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
-    rows, _ = compress(
-        noise.weights(linearisation).jacobian(linearisation), np.zeros(linearisation.measured.size), np.sqrt(np.diag(prior.P))
-    )
-    return update(prior, np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
+    return told(prior, noise.weights(linearisation).jacobian(linearisation)).P
+
+
+def told(prior: Belief, H: Matrix, innovation: Vector | None = None) -> Belief:
+    """The belief after many measurements of unit covariance at once.
+
+    Args:
+        prior: Before them.
+        H: Their whitened Jacobian, (m, p).
+        innovation: Measured less predicted at the prior's mean, whitened, (m,); none if only the covariance is asked for.
+    """
+    rows, short = compress(H, np.zeros(len(H)) if innovation is None else innovation, np.sqrt(np.diag(prior.P)))
+    return update(prior, short, rows, np.eye(len(rows)))[0]

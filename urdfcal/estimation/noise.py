@@ -108,11 +108,6 @@ class Noise:
         """Standard deviation of what all readings of one pose have in common, (kinds,)."""
         return np.asarray(self.sigma * np.sqrt(self.common))
 
-    @property
-    def sigma_of_reading(self) -> Vector:
-        """Standard deviation of what each reading of a pose has of its own, (kinds,)."""
-        return np.asarray(self.sigma * np.sqrt(1 - self.common))
-
     def settled(self, linearisation: Linearisation) -> bool:
         """Whether a set tells nothing of the noise that is not known."""
         return self.held or (self.all_stated and linearisation.poses is None)

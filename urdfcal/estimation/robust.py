@@ -22,7 +22,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.estimation.chi_squared import MEDIANS, medians
-from urdfcal.estimation.ekf import Belief, Estimate, Sweep, compress, iterated_schedule, update
+from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule, told
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.estimation.pose_means import scatter_within
 from urdfcal.estimation.residual import Linearisation, Linearise
@@ -110,16 +110,19 @@ class Observations:
 
     Attributes:
         linearise: Residual and Jacobian of the whole set at a state.
-        made: What was measured, (n, blocks).
+        made: What was measured, (n, blocks); what is known beforehand included.
+        known: How many rows at the end are that.
     """
 
     linearise: Linearise
     made: Mask
+    known: int = 0
 
     @staticmethod
     def of(linearise: Linearise, x: Vector) -> Observations:
         """Those of a set, as any state x tells."""
-        return Observations(linearise, linearise(x).made)
+        linearised = linearise(x)
+        return Observations(linearise, linearised.made, linearised.known)
 
     def at(self, x: Vector, kept: Mask) -> Linearisation:
         """The set at x as if what is not kept (n, blocks) had not been measured."""
@@ -132,8 +135,9 @@ class Observations:
         return linearisation.without(~met), met
 
     def too_few(self, kept: Mask) -> bool:
-        """Whether so many are left out that there is no telling which are right."""
-        return bool(np.mean(kept[self.made]) < 1 - _MOST_OUT)
+        """Whether so many readings are left out that there is no telling which are right."""
+        read = slice(len(self.made) - self.known)
+        return bool(np.mean(kept[read][self.made[read]]) < 1 - _MOST_OUT)
 
 
 def iteratively_reweighted(
@@ -227,8 +231,7 @@ def _covariance(linearisation: Linearisation, noise: Noise, belief: Belief, prio
     of_bulk = (np.sum(m * weights - 2 * slope) / max(int(m.sum()), 1)) ** 2
     kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
     H = noise.weights(linearisation).jacobian(linearisation)
-    rows, _ = compress(H, np.zeros(len(H)), np.sqrt(np.diag(prior.P)))
-    return update(prior, np.zeros(len(rows)), np.sqrt(kappa) * rows, np.eye(len(rows)))[0].P
+    return told(prior, np.sqrt(kappa) * H).P
 
 
 def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
@@ -293,7 +296,10 @@ def gate(
 
 
 def inliers(observed: Observations, prior: Belief, found: Estimate) -> Mask:
-    """Which spots chance could have put where they are, at the scale of the bulk; what was not seen counts as inside, (n, blocks)."""
+    """Which spots chance could have put where they are, at the scale of the bulk, (n, blocks).
+
+    What was not seen counts as inside, and so does what is known beforehand, since it was not read.
+    """
     linearisation, met = observed.reached(found.belief.x)
     if observed.too_few(met):
         return met
@@ -304,7 +310,7 @@ def inliers(observed: Observations, prior: Belief, found: Estimate) -> Mask:
         known = np.ones_like(known)
     least = np.where(known, 1.0, (found.noise.times(0.0).sigma / found.noise.sigma)[_kinds(linearisation)])  # no sensor sees less
     scales = np.maximum(np.where(known, scales, scales * _room(linearisation, found.belief, prior)), least)
-    return np.asarray(met & ~(d2 > _limits(linearisation) * scales**2))
+    return np.asarray(met & (~(d2 > _limits(linearisation) * scales**2) | _known(linearisation)))
 
 
 def gross_outliers(observed: Observations, found: Estimate) -> Mask:
@@ -346,7 +352,7 @@ def _limits(linearisation: Linearisation) -> Matrix:
     Chi-squared of two degrees is exponential; to others the same probability is carried over by Wilson and Hilferty's cube root.
     """
     freedom = degrees(linearisation)
-    pairs = -2 * np.log(_CHANCE / max(int(np.count_nonzero(freedom)), 1))
+    pairs = -2 * np.log(_CHANCE / max(int(np.count_nonzero((freedom > 0) & ~_known(linearisation))), 1))
     z = ((pairs / 2) ** (1 / 3) - (1 - 1 / 9)) / np.sqrt(1 / 9)
     m = np.maximum(freedom, 1)
     return np.asarray(np.where(freedom == 2, pairs, m * (1 - 2 / (9 * m) + z * np.sqrt(2 / (9 * m))) ** 3))

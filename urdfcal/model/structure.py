@@ -14,7 +14,7 @@ import numpy as np
 from urdfcal.base.geometry import Matrix
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, arm_motion
-from urdfcal.model.parameters import DEFAULT_PRIORS, Kind, Parameter
+from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Kind, Parameter
 from urdfcal.model.slots import Slot
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Rig
@@ -112,10 +112,15 @@ def _shared_out(chain: Chain, offered: Sequence[Parameter], jacobian: Matrix, ta
     meeting = {joint.name for branch in chain.branches() for joint in branch[:_MEETING]} if len(chain.branches()) == 2 else set()
     rest = [column for column in range(len(offered)) if column not in taken]
     met = {column for column in rest if offered[column].kind == "joint" and offered[column].name.rpartition(".")[0] in meeting}
-    sigma = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in offered])
+    sigma = np.array([_usual_size(parameter) for parameter in offered])
     weighted = jacobian * sigma
     costs = np.linalg.norm(np.linalg.lstsq(weighted[:, taken], weighted[:, rest], rcond=None)[0], axis=0) if rest else np.empty(0)
     return met | {column for column, cost in zip(rest, costs.tolist(), strict=True) if cost > _COSTLY}
+
+
+def _usual_size(parameter: Parameter) -> float:
+    """How large a parameter may be, [m] or [rad]: as its prior has it, or as it usually is where nothing is known of it."""
+    return parameter.sigma if parameter.sigma < FLAT else DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit)
 
 
 def _unplaced(rig: Rig, free: Sequence[Parameter]) -> bool:

@@ -17,6 +17,7 @@ from urdfcal.robot.robot import Robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
 from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
+from urdfcal.sensors.sensor import Sensor
 
 _OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
 
@@ -161,7 +162,7 @@ class Measurements:
     @property
     def only_spots(self) -> bool:
         """Whether nothing but laser spots on the screen was measured, so that tables and words can speak of spots."""
-        return all(reading.sensor == "spot" for reading in self.readings)
+        return all(reading.kind.on_screen for reading in self.readings)
 
     @property
     def summary(self) -> str:
@@ -174,6 +175,25 @@ class Measurements:
     def instruments(self) -> Instruments:
         """What the readings were made with."""
         return instruments_of(self.readings, self.reference, self.camera, self.boards)
+
+    def sensor_of(self, reading: Readings) -> Sensor:
+        """How readings were made, with the camera if it was by one."""
+        return reading.kind.with_camera(self.camera)
+
+    @property
+    def has_spots(self) -> bool:
+        """Whether beams were seen on the screen in metres, so that they can be turned towards their spots."""
+        return any(reading.kind.on_screen and reading.seen.any() for reading in self.readings)
+
+    @property
+    def corrects_camera(self) -> bool:
+        """Whether spots were read by a camera whose place before the screen is estimated with the rest."""
+        return bool(self.instruments.camera_sigma)
+
+    @property
+    def only_angles(self) -> bool:
+        """Whether nothing was measured that tells where things are, but how they are turned alone."""
+        return all(reading.kind.words.of_angles for reading in self.readings)
 
     @property
     def session_names(self) -> tuple[str, ...]:
@@ -208,14 +228,12 @@ class Measurements:
     @cached_property
     def spots(self) -> Array3:
         """Their spots (y, z) on the screen, (n, lasers, 2), [m]; nan where a beam was not seen, or was read in pixels."""
-        return self._of_lasers(2, [(reading.target, reading.values) for reading in self.readings if reading.sensor == "spot"])
+        return self._of_lasers(2, [(reading.target, reading.values) for reading in self.readings if reading.kind.on_screen])
 
     @cached_property
     def sigma(self) -> Matrix:
         """The standard deviation stated with each of these spots, (n, lasers), [m]; nan where nothing is stated."""
-        return self._of_lasers(1, [(reading.target, reading.sigma[:, None]) for reading in self.readings if reading.sensor == "spot"])[
-            ..., 0
-        ]
+        return self._of_lasers(1, [(reading.target, reading.sigma[:, None]) for reading in self.readings if reading.kind.on_screen])[..., 0]
 
     @cached_property
     def seen(self) -> Mask:
@@ -229,7 +247,7 @@ class Measurements:
         return replace(
             self,
             readings=tuple(
-                replace(reading, values=values[reading.target], sigma=stated[reading.target]) if reading.sensor == "spot" else reading
+                replace(reading, values=values[reading.target], sigma=stated[reading.target]) if reading.kind.on_screen else reading
                 for reading in self.readings
             ),
         )
@@ -346,7 +364,7 @@ def placed_by_session(data: Measurements) -> str:
 
 def in_pixels(data: Measurements) -> bool:
     """Whether spots were read as pixels."""
-    return bool(data.instruments.camera_sigma)
+    return data.corrects_camera
 
 
 def require_screen_of_camera(data: Measurements) -> None:
@@ -355,7 +373,7 @@ def require_screen_of_camera(data: Measurements) -> None:
     Raises:
         UsageError: says how to add it.
     """
-    if in_pixels(data) and getattr(data.camera, "T_camera_screen", None) is None:
+    if data.corrects_camera and getattr(data.camera, "T_camera_screen", None) is None:
         raise UsageError("the camera knows no screen; add it with `urdfcal camera --lens CAMERA.yaml --screen IMAGE --markers screen.yaml`")
 
 
@@ -381,7 +399,7 @@ def as_spots(data: Measurements) -> Measurements:
 
 
 def _on_screen(own: Readings, camera: Any) -> Readings:
-    if own.sensor == "spot":
+    if own.kind.on_screen:
         return own
     spots = np.full((len(own.values), 2), np.nan)
     spots[own.seen] = camera.spots_of_pixels(own.values[own.seen])

@@ -79,6 +79,11 @@ class PixelSensor(Sensor):
         rays = self.camera.rays(np.nan_to_num(values))
         return np.asarray(rays * (view.p[:, 2:] / rays[:, 2:]))
 
+    def rays(self, values: Matrix) -> Matrix | None:
+        """See the base class; those of the lens."""
+        rays: Matrix = self.camera.rays(values)
+        return rays
+
     def looks_from(self, view: View) -> Matrix | None:
         """The camera."""
         return np.zeros_like(view.p)

@@ -3,7 +3,7 @@
 Nobody comes back to a pose to the last bit: encoders jitter by some counts, files round. How far apart two readings of one pose may be
 is taken from the data: at least RESOLUTION, at which an arm can have no other error; a step and a half where positions come in coarser
 steps; and where consecutive rows are either much closer to each other than all others or far away, as far as the close ones. It is
-never more than COARSEST, so that poses on a grid stay poses.
+never more than one and a half times COARSEST, so that poses on a grid stay poses.
 
 Rows are sorted into cells of that size and cells that touch are one pose. A slow sweep through many cells is no pose: it is cut.
 """
@@ -38,6 +38,13 @@ def resolution(q: Matrix) -> Vector:
     """
     steps = np.array([_step(positions) for positions in q.T])
     return np.maximum(np.maximum(_jitter(q), RESOLUTION), np.where(steps <= COARSEST, _STEP * steps, 0.0))
+
+
+def read_again(q: Matrix, new: Vector) -> bool:
+    """Whether a further row, (joints,), stands as close to any of some rows (n, joints) as readings of one pose do."""
+    apart = np.abs(q - new)
+    apart = apart[(apart <= _STEP * COARSEST).all(axis=1)]
+    return bool(len(apart) and (apart <= resolution(np.vstack([q, new]))).all(axis=1).any())
 
 
 def _step(positions: Vector) -> float:

@@ -29,6 +29,7 @@ QUANTITIES: Mapping[Quantity, Mapping[str, float]] = {
 Change = Callable[[Matrix], Matrix]
 Draw = Callable[[tuple[int, ...]], Matrix]
 UNITS = {"mm": MM, "deg": DEG, "px": 1.0}
+MAIN_UNIT = "mm"  # in which results are told first, where anything was read in it
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,16 @@ class Words:
     def size(self) -> float:
         """The unit in SI, [m], [rad] or [px]."""
         return UNITS[self.unit]
+
+    @property
+    def of_angles(self) -> bool:
+        """Whether it is an angle, so that it tells nothing of where things are."""
+        return self.unit == "deg"
+
+    @property
+    def apart(self) -> str:
+        """What measured and predicted are apart by, in a word."""
+        return "angle" if self.of_angles else "distance"
 
     def told(self, sigma: float) -> str:
         """A standard deviation in SI as `0.28 mm`."""
@@ -174,7 +185,11 @@ class Sensor:
         offset: Which numbers of the target's offset on its link matter, of SIX.
         anywhere: Whether it can read at any pose, unlike touches and pictures.
         beam: Whether the target is a laser: it leaves its frame's origin along +z.
+        on_screen: Whether readings are points of the screen in metres, so that beams can be turned towards them, and what two lasers
+            read be exchanged.
         by_camera: Whether readings are pixels of a camera.
+        in_pairs: Whether a touch says nothing without another one of the same place.
+        others: What readings at the same poses that tell where one ought to be are called.
         simulated: How `urdfcal simulate` is asked for it, and for whatever else goes by that name; nothing where it cannot be.
         told_more_by: The sensor that would tell more of a target that this one reads; the empty string for none.
         endings: Endings of its columns behind the target's name, with what they are.
@@ -198,7 +213,10 @@ class Sensor:
     offset: ClassVar[tuple[str, ...]] = SIX[:3]
     anywhere: ClassVar[bool] = False
     beam: ClassVar[bool] = False
+    on_screen: ClassVar[bool] = False
     by_camera: ClassVar[bool] = False
+    in_pairs: ClassVar[bool] = False
+    others: ClassVar[str] = "the other readings"
     simulated: ClassVar[tuple[str, ...]] = ()
     told_more_by: ClassVar[str] = ""
     endings: ClassVar[Mapping[str, Quantity]]
@@ -207,6 +225,11 @@ class Sensor:
     blank: ClassVar[Sequence[float]] = (0.0,)
     mark: ClassVar[str] = ""
     line: ClassVar[str] = ""
+
+    @property
+    def role(self) -> Literal["laser", "target"]:
+        """What its target is among the chain's frames."""
+        return "laser" if self.beam else "target"
 
     def look(self, view: View, values: Matrix) -> Look:
         """Residual and derivatives at one state."""
@@ -227,6 +250,14 @@ class Sensor:
     def shown(self, view: View, values: Matrix) -> Matrix:
         """Where readings (n, stored) have it, (n, 3), [m]; what they do not say is taken from the prediction."""
         return self.predicted(view)
+
+    def points(self, values: Matrix) -> Matrix | None:
+        """The target's origin in the measuring frame as readings have it, (n, 3), [m], nan where they do not; None where they never do."""
+        return None
+
+    def rays(self, values: Matrix) -> Matrix | None:
+        """Directions from the measuring frame's origin to the target as readings have them, (n, 3); None where they have none."""
+        return None
 
     def axes(self, values: Matrix) -> Array3 | None:
         """The target's axes as readings have them, (n, 3, 3); None where they say nothing of them."""
@@ -270,6 +301,10 @@ class Sensor:
 
     def moved(self, values: Matrix, T_new_old: SE3) -> Matrix:
         """The same readings, (n, stored), as they are told in another measuring frame; those that stay where none is concerned."""
+        return values
+
+    def inverted(self, values: Matrix, R: Array3) -> Matrix:
+        """What was meant, (n, stored), if the measuring frame was told as seen from the target, with axes R as they were told."""
         return values
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:

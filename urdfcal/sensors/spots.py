@@ -191,7 +191,8 @@ class SpotSensor(Sensor):
     components = "yz"
     drawn = "measured spots"
     seen_from = "screen"
-    beam = True
+    beam = on_screen = True
+    others = "the other spots"
     endings: ClassVar[Mapping[str, Quantity]] = {"y": "length", "z": "length"}
     empty = "leave both cells of a beam empty if it was not seen"
     mark = "spot, measured"
@@ -292,6 +293,9 @@ class SpotPixelSensor(PixelSensor):
         """See the base class; where the rays of the pixels meet the screen."""
         T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
         return _on_screen(replace(self.camera, T_camera_screen=T_camera_screen).spots_of_pixels(np.nan_to_num(values)))
+
+    def rays(self, values: Matrix) -> None:
+        """None: the camera stands before the screen, not in the frame that the spots are in."""
 
     def looks_from(self, view: View) -> None:
         """None: the camera stands before the screen, not in the frame that the spots are in."""

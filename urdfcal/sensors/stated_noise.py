@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +45,27 @@ def noise_of(data: Measurements, known: Mapping[str, float], joint_sigma: Vector
         elif name in known:
             sigma[kind], stated[kind] = known[name], True
     return Noise(sigma, joint_sigma, stated)
+
+
+def noise_for(noise: Noise, kinds: Sequence[str], data: Measurements) -> Noise:
+    """The noise of some kinds of readings as another set has them, in its own order; what it alone has is as usual, and stated.
+
+    Args:
+        noise: Of the kinds, as a fit has it.
+        kinds: Those kinds, in its order.
+        data: The other set.
+    """
+    if data.kinds == tuple(kinds):
+        return noise
+    index = [kinds.index(kind) if kind in kinds else -1 for kind in data.kinds]
+    new = np.array(index) < 0
+
+    def of_kinds(known: Vector, usual: Any) -> Vector:
+        return np.where(new, usual, np.append(known, known[:1])[index])
+
+    return replace(
+        noise, sigma=of_kinds(noise.sigma, start_sigma(data)), stated=of_kinds(noise.stated, True), common=of_kinds(noise.common, 1.0)
+    )
 
 
 def stating_kinds(data: Measurements) -> frozenset[str]:

@@ -12,7 +12,7 @@ from urdfcal.base.closed_form import common_point, plane_through, wire_end
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import inverse_right_jacobian, matrices, product_of_quaternions, quaternions_of, rotation_vectors
 from urdfcal.robot.rig import SIX, Place
-from urdfcal.sensors.conventions import orientation_mistakes
+from urdfcal.sensors.conventions import CONJUGATE, orientation_mistakes
 from urdfcal.sensors.sensor import (
     CellFault,
     Change,
@@ -65,6 +65,14 @@ class PointSensor(Sensor):
     def shown(self, view: View, values: Matrix) -> Matrix:
         """See the base class; any of the three may be missing."""
         return np.where(np.isnan(values), view.p, values)
+
+    def points(self, values: Matrix) -> Matrix:
+        """See the base class."""
+        return values
+
+    def inverted(self, values: Matrix, R: Array3) -> Matrix:
+        """See the base class; p = -R' p'."""
+        return np.asarray(-np.einsum("nij,ni->nj", R, values))
 
     def looks_from(self, view: View) -> Matrix:
         """The tracker."""
@@ -131,6 +139,10 @@ class OrientationSensor(Sensor):
     def axes(self, values: Matrix) -> Array3:
         """See the base class."""
         return matrices(values)
+
+    def inverted(self, values: Matrix, R: Array3) -> Matrix:
+        """See the base class; the conjugates."""
+        return np.asarray(values * CONJUGATE)
 
     def disturbed(self, values: Matrix, draw: Draw) -> Matrix:
         """See the base class; the target is turned about each of the measuring frame's axes."""
@@ -325,7 +337,7 @@ class SocketSensor(Sensor):
     components = "xyz"
     drawn = "sockets"
     endings: ClassVar[Mapping[str, Quantity]] = {"socket": "label"}
-    touches = True
+    touches = in_pairs = True
     simulated = ("socket",)
     seen_from = "places"
     mark = "socket, where its touches meet"

@@ -180,7 +180,7 @@ def _read(
     numbers = np.concatenate([np.empty(0), *(setup.place(place.name) for place in places)])
     axes = next((setup.errors.planes[place.name] for place in places if place.name in setup.errors.planes), np.eye(3))
     view = View(p, R, np.tile(numbers, (n, 1)), np.broadcast_to(axes, (n, 3, 3)))
-    scale = noise.angle if how.words.unit == "deg" else noise.length
+    scale = noise.angle if how.words.of_angles else noise.length
     values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
     touched = np.array(labels, dtype=str) if how.touches else np.full(n, "")
     return Readings(kind, sensor.target, sensor.link, values, touched, np.full(n, np.nan))

@@ -11,9 +11,8 @@ import urdfcal
 from tests.benchmarks.outliers import with_outliers
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import MM, Mask
-from urdfcal.calibration.analysis.clusters import pose_distances, worst_cluster
+from urdfcal.calibration.analysis.clusters import left_out, pose_distances, worst_clusters
 from urdfcal.calibration.analysis.concerns import (
-    left_out_share,
     lost_motion,
     many_outliers,
     objections,
@@ -62,7 +61,7 @@ def test_a_healthy_calibration_raises_no_concern(healthy: Calibration) -> None:
     assert objections(healthy) == reservations(healthy) == ()
     after, before = pose_distances(healthy)
     assert after.max() < before.max()
-    assert left_out_share(healthy) == 0
+    assert not left_out(healthy)[0].any()
 
 
 def test_a_cluster_where_the_nominal_robot_is_right_is_found(healthy: Calibration, measured: Measurements) -> None:
@@ -70,8 +69,7 @@ def test_a_cluster_where_the_nominal_robot_is_right_is_found(healthy: Calibratio
     test = measured.subset(np.arange(140) >= FITTED)
     rows = near(test, 8)
     spoilt = as_nominal_has_it(healthy, test, rows)
-    cluster = worst_cluster(urdfcal.api.with_test(healthy, spoilt))
-    assert cluster is not None
+    cluster = worst_clusters(urdfcal.api.with_test(healthy, spoilt))[0]
     named = {test.where(int(row)) for row in np.flatnonzero(rows)}
     assert len(named & set(cluster.poses)) >= 4
     off = np.linalg.norm((healthy.nominal.linearise(test).residual[:, :2])[rows], axis=1)
@@ -86,7 +84,8 @@ def test_bad_readings_make_no_cluster(robots: dict[str, Robot], measured: Measur
     assert objections(found) == ()
     assert outliers_together(found) == ()
     assert len(many_outliers(found)) == 1
-    assert left_out_share(found) == pytest.approx(0.2, abs=0.07)
+    out, read = left_out(found)
+    assert out.sum() / read.sum() == pytest.approx(0.2, abs=0.07)
 
 
 def test_poses_that_were_left_out_in_turn_are_looked_at(robots: dict[str, Robot], measured: Measurements, rng: np.random.Generator) -> None:

@@ -9,12 +9,13 @@ import pytest
 
 import urdfcal
 from tests.calibration.analysis.test_prediction import tool_errors
+from tests.support.helpers import tool_sigma
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import OnlineCalibrator, fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
 from urdfcal.calibration.analysis import online
 from urdfcal.calibration.analysis.online import OnlineState
-from urdfcal.calibration.analysis.prediction import spot_sigma, tool_sigma
+from urdfcal.calibration.analysis.prediction import spot_sigma
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.chi_squared import chi_squared_gate
 from urdfcal.model.gauge import build_error_model
@@ -38,6 +39,17 @@ def some_poses(robot: Robot, rng: np.random.Generator, poses: int, joint: float 
 def take(calibrator: OnlineCalibrator, data: Measurements) -> list[OnlineState]:
     """Feed every pose."""
     return [calibrator.update(q, spots, sigma) for q, spots, sigma in zip(data.q, data.spots, data.sigma, strict=True)]
+
+
+def test_coarse_joints_come_back_to_their_poses(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A pose that joints in steps of a milliradian come back to, one step off, is a further reading of it, as in the batch fit."""
+    step, data = 1e-3, some_poses(robots["panda"], rng, 12)
+    q = np.round(data.q / step) * step
+    calibrator = OnlineCalibrator(robots["panda"], spot_sigma=5e-3)
+    for joints, spots in zip(np.vstack([q, q[3] + step]), np.concatenate([data.spots, data.spots[3:4]]), strict=True):
+        again = calibrator.update(joints, spots)
+    assert again.relinearised
+    assert calibrator.measurements().pose_count == len(q)
 
 
 @pytest.mark.parametrize(("name", "joint"), [("panda", 0.0), ("panda", 5e-4), ("tiago", 0.0)])

@@ -6,12 +6,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from tests.support.helpers import central_differences, poses_in_view
+from tests.support.helpers import central_differences, poses_in_view, tool_sigma
 from tests.support.small_robot import LASERS, joint, robot_of, robot_text
 from urdfcal.api import fit
 from urdfcal.base.errors import RobotError, ShapeMismatch
 from urdfcal.calibration.analysis import prediction
-from urdfcal.calibration.analysis.prediction import base_link, default_tool, spot_jacobians, spot_sigma, tool_jacobian, tool_sigma
+from urdfcal.calibration.analysis.prediction import base_link, default_tool, spot_jacobians, spot_sigma, tool_jacobian
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel

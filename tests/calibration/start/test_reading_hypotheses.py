@@ -14,8 +14,8 @@ from tests.support.helpers import with_joint
 from tests.support.sensor_cases import CASES, NOISE, SensorCase, setup_of
 from urdfcal import FitRejected, fit
 from urdfcal.base.geometry import DEG, MM, Array3
-from urdfcal.calibration.start.hypotheses import best_reading_hypothesis
 from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_readings
+from urdfcal.calibration.start.reading_hypotheses import best_reading_hypothesis
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot

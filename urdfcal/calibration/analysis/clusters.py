@@ -14,7 +14,7 @@ is beyond what any of the clusters would reach.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
@@ -102,16 +102,11 @@ class _Set:
         return np.asarray(used)
 
 
-def worst_cluster(found: FitResult) -> Cluster | None:
-    """The cluster of poses at which the calibrated robot is worst, of those where it is worse than the nominal one; None if it never is.
+def worst_clusters(found: FitResult) -> list[Cluster]:
+    """The cluster of each set at which the calibrated robot is worst, of those where it is worse than the nominal one; gravest first.
 
     All readings count, of the fitted, the test and the left-out poses.
     """
-    return next(iter(worst_clusters(found)), None)
-
-
-def worst_clusters(found: FitResult) -> list[Cluster]:
-    """The worst one of each set, the gravest first."""
     clusters = [cluster for each in (*_held_out(found), *_fitted(found)) if (cluster := _worst_of(found, each)) is not None]
     return sorted(clusters, key=lambda cluster: -cluster.calibrated / max(cluster.usual, ROUNDING))
 
@@ -124,7 +119,7 @@ def _worst_of(found: FitResult, each: _Set) -> Cluster | None:
     if len(rows) < 2 * _CLUSTERS:
         return None
     c, n = (np.where(used, one.residual, 0.0)[rows] for one in (each.calibrated, each.nominal))
-    sigma, q = found.estimate.noise.of_numbers(each.calibrated)[rows], each.data.q[rows]
+    sigma, q = found.noise_for(each.data).of_numbers(each.calibrated)[rows], each.data.q[rows]
     usual = _rms(n, used[rows], each.nominal) / UNITS[unit]
     best: Cluster | None = None
     for size in {_CLUSTERS, max(_CLUSTERS, round(_SHARE * len(rows)))}:
@@ -156,11 +151,12 @@ def _worse(c: Matrix, n: Matrix, clusters: Rows) -> Rows:
 
 def _held_out(found: FitResult) -> Iterator[_Set]:
     """Poses that were not fitted."""
-    test, noise = found.test_data, found.estimate.noise
+    test = found.test_data
     if test is not None and not test.empty:
+        noise = found.noise_for(test)
         errors, x = with_new_places(found.errors, found.x, test, noise)
         model = problem_of(errors, test, noise)
-        out = gross_mask(model, found.estimate)[: len(test)]
+        out = gross_mask(model, replace(found.estimate, noise=noise))[: len(test)]
         together = lie_together(errors.chain, test, np.asarray(out.any(axis=1)))
         yield _set("test", test, model.linearise(x), found.nominal.linearise(test), out, bool(together))
     if found.folds is not None and found.folds.left_out is not None and len(found.folds.left_out[0].residual) == len(found.data):

@@ -105,9 +105,3 @@ def worse_somewhere(found: FitResult) -> tuple[str, ...]:
     """Neighbouring poses at which the calibrated robot is worse than the nominal one, though better than that is as a whole."""
     clusters = worst_clusters(found)
     return () if any(cluster.grave for cluster in clusters) else tuple(cluster.words() for cluster in clusters[:1])
-
-
-def left_out_share(found: FitResult) -> float:
-    """Share of the readings of the fitted poses that were left out."""
-    out, read = left_out(found)
-    return int(np.count_nonzero(out)) / max(int(np.count_nonzero(read)), 1)

@@ -31,7 +31,7 @@ from urdfcal.calibration.analysis.more_poses import covariance, information_of_a
 from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.chi_squared import quantile
-from urdfcal.estimation.ekf import Belief, compress, update
+from urdfcal.estimation.ekf import Belief, told
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Parameter
@@ -80,7 +80,7 @@ def full_posterior(found: FitResult) -> FullPosterior:
     weights = noise.weights(linearisation)
     H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
     errors = _with_likely_scales(errors, H, residual + H @ (x - errors.mean), found)
-    belief = _posterior(errors, H, residual, x)
+    belief = told(Belief.independent(errors.mean, errors.sigma), H, residual + H @ (x - errors.mean))
     if found.lacking is not None:
         belief = Belief(belief.x, found.lacking.widened(belief.P, belief.P, H))
     a_pose = information_of_a_pose(errors, found.data, noise, x, np.random.default_rng(0))
@@ -129,12 +129,6 @@ def _group(parameter: Parameter, found: FitResult) -> str:
     if parameter.unit == "m" or name not in SIX:
         return parameter.scale_group
     return "zero" if abs(found.robot.tree.joints[joint].axis["xyz".index(name[-1])]) > _ALONG else "rotation"
-
-
-def _posterior(errors: ErrorModel, H: Matrix, residual: Vector, x: Vector) -> Belief:
-    """Belief after data with residual m - h(x) and whitened Jacobian H at x."""
-    rows, innovation = compress(H, residual + H @ (x - errors.mean), errors.sigma)
-    return update(Belief.independent(errors.mean, errors.sigma), innovation, rows, np.eye(len(rows)))[0]
 
 
 def _widened(found: FitResult) -> tuple[ErrorModel, Vector]:

@@ -35,7 +35,7 @@ def information_of_a_pose(errors: ErrorModel, data: Measurements, noise: Noise, 
     """
     data = replace(data, lengths=())
     further = data if any(reading.kind.touches for reading in data.readings) else _elsewhere(errors, data, x, rng)
-    linearisation = _without_lost(problem_of(replace(errors, held_sum={}, earlier=None), further, noise).linearise(x))
+    linearisation = without_lost(problem_of(replace(errors, held_sum={}, earlier=None), further, noise).linearise(x))
     if further is not data:  # drawn poses are poses of their own, also where some of them came out the same
         linearisation = replace(linearisation, poses=None)
     H = noise.weights(linearisation).jacobian(linearisation)
@@ -52,7 +52,7 @@ def _elsewhere(errors: ErrorModel, data: Measurements, x: Vector, rng: np.random
     return replace(there, readings=tuple(readings))
 
 
-def _without_lost(linearisation: Linearisation) -> Linearisation:
+def without_lost(linearisation: Linearisation) -> Linearisation:
     """Readings that could not be made do not count."""
     J = linearisation.jacobian
     bad = ~np.isfinite(J).all(axis=2) | ~np.isfinite(linearisation.residual) | (np.abs(J).max(axis=2, initial=0.0) > _FAR_OFF)

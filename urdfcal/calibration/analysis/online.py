@@ -34,7 +34,7 @@ from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.sensors.registry import start_sigma_of
-from urdfcal.sensors.repeats import RESOLUTION
+from urdfcal.sensors.repeats import read_again
 from urdfcal.sensors.stated_noise import joint_sigmas, stating_kinds
 
 WORKSPACE = 50  # configurations over which accuracy is predicted
@@ -309,7 +309,7 @@ class _History:
 
     def holds(self, pose: Measurements) -> bool:
         """Whether this is a further reading of a pose that is held."""
-        return bool((np.abs(self.q[: self.count] - pose.q) <= RESOLUTION).all(axis=1).any())
+        return read_again(self.q[: self.count], pose.q[0])
 
     def add(self, pose: Measurements, again: bool) -> None:
         if self.count == len(self.q):

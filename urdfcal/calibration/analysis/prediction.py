@@ -25,7 +25,6 @@ from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector, product
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import poses_in_view
 from urdfcal.calibration.result import FitResult
-from urdfcal.calibration.start.begin import has_spots_in_metres
 from urdfcal.model.error_model import ErrorModel, Placements
 from urdfcal.model.jacobian import ArmKinematics, motion_at
 from urdfcal.robot.robot import Robot
@@ -36,7 +35,7 @@ from urdfcal.sensors.spots import beams_at
 
 def predicted_spots(robot: Robot, calibration: FitResult, rng: np.random.Generator) -> SpotAccuracy | None:
     """How far off the spots still are over the workspace, by the fit's covariance; None where no laser was seen."""
-    if not has_spots_in_metres(calibration.data):
+    if not calibration.data.has_spots:
         return None
     errors, x = calibration.errors, calibration.x
     q = poses_in_view(robot, errors, x, calibration.data, rng)
@@ -96,28 +95,6 @@ def spot_accuracy(errors: ErrorModel, covariance: Matrix, x: Vector, q: Matrix) 
     own = [column[np.isfinite(column)] for column in sigma.T]
     levels = np.array([np.quantile(column, (0.5, 0.95, 1.0)) if len(column) else np.full(3, np.nan) for column in own])
     return SpotAccuracy(errors.chain.laser_names, tuple(len(column) for column in own), *levels.T)
-
-
-def tool_sigma(robot: Robot, errors: ErrorModel, covariance: Matrix, x: Vector, link: str, q: Matrix) -> Matrix:
-    """Predicted error of a link's pose relative to the base link; see the head of this module for what that means.
-
-    Args:
-        robot: Nominal robot; left unchanged.
-        errors: Names, order and units of the parameters.
-        covariance: Of the parameters, (p, p).
-        x: Error parameters, (p,), [m] and [rad].
-        link: A link that the calibrated joints move; joints of no concern to the calibration stay at neutral.
-        q: Measured joint positions, (n, inputs), [rad] or [m].
-
-    Returns:
-        (n, 2): root of the expected squared position error [m] and rotation error [rad].
-
-    Raises:
-        RobotError: no such link, or no calibrated joint moves it.
-        ShapeMismatch: covariance, x or q does not fit.
-    """
-    jacobian = tool_jacobian(robot, errors, x, link, q)
-    return np.stack([spread(jacobian[:, :3], covariance), spread(jacobian[:, 3:], covariance)], axis=-1)
 
 
 def spread(jacobian: Array3 | Array4, covariance: Matrix) -> Matrix:

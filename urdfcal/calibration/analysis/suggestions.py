@@ -15,15 +15,14 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector, X, Y
-from urdfcal.calibration.analysis.more_poses import FURTHER, covariance, information_of_a_pose
+from urdfcal.calibration.analysis.more_poses import FURTHER, covariance, information_of_a_pose, without_lost
 from urdfcal.calibration.analysis.prediction import default_far, default_tool, spread
 from urdfcal.calibration.analysis.tool_accuracy import motion_up_to_constants
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.nominal import nominal_fit
-from urdfcal.estimation.ekf import Belief, compress, update
+from urdfcal.estimation.ekf import Belief, told
 from urdfcal.estimation.identifiability import identify
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, missing_screen_parameters
 from urdfcal.model.jacobian import ArmKinematics, arm_motion
@@ -68,8 +67,7 @@ def whitened(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector) ->
 
 def posterior_of(errors: ErrorModel, H: Matrix) -> Matrix:
     """Covariance that measurements with this whitened Jacobian leave of the prior, (p, p)."""
-    rows, _ = compress(H, np.zeros(len(H)), errors.sigma)
-    return update(Belief.independent(errors.mean, errors.sigma), np.zeros(len(rows)), rows, np.eye(len(rows)))[0].P
+    return told(Belief.independent(errors.mean, errors.sigma), H).P
 
 
 def open_share(errors: ErrorModel, P: Matrix) -> float:
@@ -237,17 +235,11 @@ def _moved_screen(trial: Trial) -> Iterator[tuple[str, Matrix]]:
     for name, value in _MOVED_SCREEN.items():
         x[[own == f"{robot.rig.base}:{_ELSEWHERE}.{name}" for own in moved.names]] = value
     again = replace(data.with_spots(np.where(np.isnan(data.spots), np.nan, 0.0)), sessions=np.full(len(data), _ELSEWHERE))
-    linearisation = problem_of(moved, again, trial.noise).linearise(x)
-    extra = trial.noise.weights(linearisation).jacobian(_without_lost(linearisation))
+    linearisation = without_lost(problem_of(moved, again, trial.noise).linearise(x))
+    extra = trial.noise.weights(linearisation).jacobian(linearisation)
     wide = np.hstack([trial.measured, np.zeros((len(trial.measured), len(further)))])
     words = "the same poses once more with the screen moved and turned (mark them as another `session`)"
     yield words, posterior_of(moved, np.vstack([wide, extra]))
-
-
-def _without_lost(linearisation: Linearisation) -> Linearisation:
-    """Beams that no longer meet a moved screen do not count."""
-    bad = ~np.isfinite(linearisation.jacobian).all(axis=2) | (np.abs(linearisation.jacobian).max(axis=2) > 1e2)
-    return replace(linearisation, jacobian=np.where(bad[..., None], 0.0, linearisation.jacobian))
 
 
 def _missing_yaw(trial: Trial) -> Iterator[Suggestion]:

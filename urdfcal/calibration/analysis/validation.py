@@ -37,6 +37,7 @@ from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements, fit_and_test, placed_by_session
 from urdfcal.sensors.repeats import first_rows
 from urdfcal.sensors.sensor import UNITS
+from urdfcal.sensors.stated_noise import noise_for
 
 Rows = npt.NDArray[np.intp]
 
@@ -99,7 +100,7 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
         out = widened(out, found.extra_noise)
-        errors, x = with_new_places(found.errors, found.x, out, found.estimate.noise)
+        errors, x = with_new_places(found.errors, found.x, out, found.noise_for(out))
         linearisation = Problem(errors, out).linearise(x)
         before.take(found.nominal.linearise(out), held)
         after.take(linearisation, held)
@@ -149,10 +150,13 @@ def coverage_warnings(robot: Robot, calibration: FitResult) -> tuple[str, ...]:
     known = {name.rpartition(".")[0] for name in (*calibration.errors.names, *calibration.errors.held)}
     if any(place.name not in known for place in test.instruments.places):  # they were put where the test poses have them best
         return ()
-    compared = _compare(calibration, test)
+    unit = main_unit(calibration.test[1])
+    if all(row.unit != unit for row in calibration.after.values()):  # nothing to compare them with
+        return ()
+    compared = _compare(calibration, test, unit)
     if not compared.worse:
         return ()
-    fitted, tested, unit = rms_of(calibration.after), rms_of(calibration.test[1]), main_unit(calibration.after)
+    fitted, tested = rms_of(calibration.after, unit), rms_of(calibration.test[1], unit)
     sizes = f"{tested:.3g} {unit} RMS against {fitted:.3g} {unit}"
     expected = compared.predicted > tested / MUCH_WORSE
     head = (
@@ -181,7 +185,7 @@ class _Comparison:
     predicted: float
 
 
-def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
+def _compare(calibration: FitResult, test: Measurements, unit: str) -> _Comparison:
     errors, noise = calibration.errors, calibration.estimate.noise
     linearisation = problem_of(errors, calibration.data, noise).linearise(calibration.x)
     there = problem_of(errors, test, noise).linearise(calibration.x)
@@ -194,12 +198,12 @@ def _compare(calibration: FitResult, test: Measurements) -> _Comparison:
         P = posterior(linearisation, prior, noise)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
     left_out = _mean_squares(_left_out_residuals(linearisation, noise, P), linearisation, least, calibration.data.pose_count)
+    noise = noise_for(noise, calibration.kinds, test)
     tested = _mean_squares(_residuals(there, noise), there, least, test.pose_count)
     worst = int(np.argmax(tested))
     alone = len(tested) >= _SEVERAL and not _much_worse(np.delete(tested, worst), left_out)
     where = test.where(int(_first_readings(test)[worst])) if alone else ""
-    size = next(UNITS[block.unit] for block in there.blocks if block.kind == 0)
-    return _Comparison(_much_worse(tested, left_out), where, float(np.sqrt(2 * np.mean(_predicted_variance(there, noise, P)))) / size)
+    return _Comparison(_much_worse(tested, left_out), where, _predicted_rms(there, noise, P, unit) / UNITS[unit])
 
 
 def _first_readings(data: Measurements) -> Rows:
@@ -228,12 +232,16 @@ def _mean_squares(residuals: Matrix, linearisation: Linearisation, least: float,
     return np.maximum(squares, least)
 
 
-def _predicted_variance(linearisation: Linearisation, noise: Noise, P: Matrix) -> Vector:
-    """Diagonal of J P J' + R for every measured number of the first kind, [m^2]."""
+def _predicted_rms(linearisation: Linearisation, noise: Noise, P: Matrix, unit: str) -> float:
+    """RMS distance that J P J' + R expects of the readings in a unit, [m], [rad] or [px]; nan where there are none."""
     variance = noise.of_numbers(linearisation) ** 2 + np.sum((linearisation.jacobian @ P) * linearisation.jacobian, axis=-1)
     if linearisation.joint_jacobian.shape[-1]:
         variance = variance + np.sum((linearisation.joint_jacobian * noise.joint_sigma) ** 2, axis=-1)
-    return np.asarray(variance[linearisation.read & (linearisation.kinds == 0)])
+    own = [block.columns for block in linearisation.blocks if block.unit == unit]
+    read = [linearisation.read[:, columns] for columns in own]
+    readings = sum(int(np.count_nonzero(each.any(axis=1))) for each in read)
+    whole = sum(float(np.sum(variance[:, columns][each])) for columns, each in zip(own, read, strict=True))
+    return float(np.sqrt(whole / readings)) if readings else np.nan
 
 
 def _much_worse(tested: Vector, fitted: Vector) -> bool:

@@ -23,8 +23,8 @@ from urdfcal.calibration.analysis.prediction import default_far, default_tool, s
 from urdfcal.calibration.analysis.tool_accuracy import Gain, ToolAccuracy, tool_accuracy
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.result import FitResult, large_noise_warning, large_scales_warning, misfit_words, too_few_warning
-from urdfcal.calibration.start.begin import has_spots_in_metres
 from urdfcal.model.parameters import DEFAULT_PRIORS
+from urdfcal.sensors.sensor import MAIN_UNIT
 
 Use = Literal["yes", "reservations", "no"]
 SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
@@ -128,7 +128,7 @@ class Judged:
     @cached_property
     def spots(self) -> Gain | None:
         """Predicted error of the spots at the fitted poses, without the noise of seeing them; None where no laser was seen."""
-        if not has_spots_in_metres(self.found.data):
+        if not self.found.data.has_spots:
             return None
         A = spot_jacobians(self.posterior.errors, self.posterior.x, self.found.data.q)
         A = A.reshape(-1, *A.shape[2:])
@@ -191,7 +191,7 @@ def _is_better(judged: Judged) -> Iterator[Finding]:
         (f"{tool.link} up to a constant", tool.up_to_constant, CLEARLY),
     ]
     cases += [("the spots", judged.spots, CLEARLY)] if judged.spots is not None else []
-    if all(reading.kind.words.unit == "deg" for reading in judged.found.data.readings):
+    if judged.found.data.only_angles:
         yield from _turns_better(tool)
         return
     for what, gain, least in cases:
@@ -243,7 +243,7 @@ def _tested(judged: Judged) -> Iterator[Finding]:
 
 def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) -> Iterator[Finding]:
     """Whether poses that were not fitted are off by more than the nominal robot's, or than can be expected."""
-    off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == "mm" else 0.0
+    off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == MAIN_UNIT else 0.0
     if off > max(rms_of(before), least):
         yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), with the nominal robot {rms_in_words(before)}")
         return

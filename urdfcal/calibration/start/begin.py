@@ -14,9 +14,11 @@ import numpy as np
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.start.hypotheses import Hypothesis, best_hypothesis, best_reading_hypothesis, readings_explained
+from urdfcal.calibration.start.hypotheses import Hypothesis
+from urdfcal.calibration.start.reading_hypotheses import best_reading_hypothesis, readings_explained
 from urdfcal.calibration.start.references import links_of_reference
 from urdfcal.calibration.start.rig_search import INCREDIBLE, Start, find_start
+from urdfcal.calibration.start.spot_hypotheses import best_spot_hypothesis
 from urdfcal.estimation.ekf import Belief, Estimate
 from urdfcal.estimation.estimators import Method
 from urdfcal.estimation.noise import Noise
@@ -37,18 +39,13 @@ def is_credible(model: Problem, found: Estimate, noise: Noise) -> bool:
     if np.any(np.abs(found.belief.x - model.errors.mean) > INCREDIBLE * model.errors.sigma):
         return False
     linearisation = model.linearise(found.belief.x).of_poses(len(model.data))
-    beams = [index for index, channel in enumerate(model.channels) if channel.sensor.name == "spot"]
+    beams = [index for index, channel in enumerate(model.channels) if channel.sensor.on_screen]
     distances = [
         np.linalg.norm(linearisation.residual[:, linearisation.blocks[index].columns], axis=1)[linearisation.made[:, index]]
         for index in beams
     ]
     near = max(_NEAR, 3 * noise.spot_sigma if noise.all_stated else 0.0)
     return found.converged and bool(np.median(np.concatenate(distances)) < near)
-
-
-def has_spots_in_metres(data: Measurements) -> bool:
-    """Whether beams were seen on the screen in metres, so that they can be turned towards their spots."""
-    return any(reading.sensor == "spot" and reading.seen.any() for reading in data.readings)
 
 
 def searched_start(model: Problem, noise: Noise, sane: bool) -> Start:
@@ -59,7 +56,7 @@ def searched_start(model: Problem, noise: Noise, sane: bool) -> Start:
     """
     begun = find_start(model, noise)
     if sane and not begun.plausible:
-        _refuse(best_hypothesis(model, noise))
+        _refuse(best_spot_hypothesis(model, noise))
     return begun
 
 
@@ -135,7 +132,12 @@ def _lengths(errors: ErrorModel) -> Iterator[tuple[str, float]]:
                     yield f"{slot.label}.{name}", float(screw[:3] @ along)
 
 
-def start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: bool) -> Vector:
+def start_of(data: Measurements, errors: ErrorModel, noise: Noise, nominal: Vector, sane: bool) -> Vector:
+    """Where a fit of all that was measured begins, (p,): at the nominal robot unless a camera saw spots on the screen."""
+    return _start_of_pixels(data, errors, noise, sane) if data.corrects_camera else nominal
+
+
+def _start_of_pixels(data: Measurements, errors: ErrorModel, noise: Noise, sane: bool) -> Vector:
     """Where to begin with spots in pixels: at the fit of the spots that the camera makes of them on the screen as it is calibrated."""
     spots = as_spots(data)
     rest = replace(errors, parameters=tuple(parameter for parameter in errors.parameters if parameter.kind != "camera"))

@@ -6,7 +6,7 @@ that tell most come first, and what needs a frame that another target gives come
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from urdfcal.base.closed_form import (
 )
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix
-from urdfcal.base.rotations import matrices
 from urdfcal.calibration.problem import seen_placement
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, motion_at
@@ -121,24 +120,26 @@ def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
 
 
 def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
-    by_target: dict[str, dict[str, Readings]] = {}
+    by_target: dict[str, list[Readings]] = {}
     for reading in (reading for reading in data.readings if not reading.kind.beam):
-        by_target.setdefault(reading.target, {})[reading.sensor] = reading
+        by_target.setdefault(reading.target, []).append(reading)
     yield from _boards(errors, data)
-    for target, kinds in by_target.items():
-        points, axes = _points_of(kinds, len(data)), kinds.get("orientation")
+    for target, readings in by_target.items():
+        points = next((found for own in readings if (found := own.kind.points(own.values)) is not None), np.full((len(data), 3), np.nan))
+        axes = next((found for own in readings if (found := own.kind.axes(own.values)) is not None), None)
         whole = ~np.isnan(points).any(axis=1)
-        if axes is not None and (whole & axes.seen).sum() >= _LEAST_POINTS:
-            whole &= axes.seen
+        turned = ~np.isnan(axes).any(axis=(1, 2)) if axes is not None else np.zeros(len(data), dtype=bool)
+        if (whole & turned).sum() >= _LEAST_POINTS:
+            whole &= turned
         elif axes is not None and whole.sum() < _LEAST_POINTS:
-            whole = axes.seen
+            whole = turned
         else:
             axes = None
         for session in errors.sessions:
             rows = np.flatnonzero(whole & (_of_session(errors, data.sessions, session)))
             if len(rows) >= _LEAST_POINTS:
                 R, b = _nominal(errors, data.q[rows], target, session)
-                yield _Seen(target, session, R, b, points[rows], None if axes is None else matrices(axes.values[rows]))
+                yield _Seen(target, session, R, b, points[rows], None if axes is None else axes[rows])
 
 
 def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
@@ -148,7 +149,7 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
     import cv2
 
     for board, grid in data.boards.items():
-        corners = [reading for reading in data.readings if reading.link == board and reading.sensor == "pixel"]
+        corners = [reading for reading in data.readings if reading.link == board and reading.kind.by_camera and not reading.kind.beam]
         seen = np.array([corner.seen for corner in corners]).reshape(len(corners), len(data))
         grid_points = np.array([grid.at(int(corner.target.partition(":")[2])) for corner in corners])
         for session in errors.sessions:
@@ -172,11 +173,6 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
 def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
     """Which poses belong to a session; all of them where there is only one."""
     return np.asarray((sessions == session) | (len(errors.sessions) == 1))
-
-
-def _points_of(kinds: Mapping[str, Readings], poses: int) -> Matrix:
-    """The points of a target, (n, 3); nan where there are none."""
-    return kinds["point"].values if "point" in kinds else np.full((poses, 3), np.nan)
 
 
 def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
@@ -227,19 +223,22 @@ def _frame(view: _Seen, X: SE3) -> SE3:
 
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
-    for reading in (reading for reading in data.readings if reading.sensor == "pixel" and reading.link not in data.boards):
+    for reading in (reading for reading in data.readings if reading.link not in data.boards):
         for session in errors.sessions:
             rows = np.flatnonzero(reading.seen & (_of_session(errors, data.sessions, session)))
             if session in known.frames or len(rows) < _LEAST_PIXELS:
                 continue
+            rays = data.sensor_of(reading).rays(reading.values[rows])
+            if rays is None:
+                break
             R, b = _nominal(errors, data.q[rows], reading.target, session)
             offset = known.offsets.get(reading.target, pin.SE3.Identity()).translation
-            known.frames[session] = camera_before(b + R @ offset, data.camera.rays(reading.values[rows]))
+            known.frames[session] = camera_before(b + R @ offset, rays)
 
 
 def _place_by_sensor(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Offsets of targets, or how they are turned, where only one sensor tells it by itself."""
-    turned = {reading.target for reading in data.readings if reading.sensor == "orientation"}
+    turned = {reading.target for reading in data.readings if reading.kind.axes(reading.values) is not None}
     for reading in (reading for reading in data.readings if reading.seen.any()):
         if reading.target in known.offsets and (reading.kind.offset != SIX[3:] or reading.target in turned):
             continue
@@ -261,7 +260,7 @@ def _require_a_return(data: Measurements) -> None:
     Raises:
         UsageError: naming the first pose and its socket.
     """
-    if any(reading.sensor != "socket" for reading in data.readings):
+    if not all(reading.kind.in_pairs for reading in data.readings):
         return
     touches = [(pose, str(reading.labels[pose])) for reading in data.readings for pose in np.flatnonzero(reading.seen)]
     if touches and len({label for _, label in touches}) == len(touches):

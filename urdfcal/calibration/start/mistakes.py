@@ -10,13 +10,10 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.rotations import matrices
+from urdfcal.base.geometry import DEG, MM, Array3
 from urdfcal.robot.urdf_tree import UrdfJoint
-from urdfcal.sensors.conventions import CONJUGATE
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import Readings
-from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Change
 
 Columns = npt.NDArray[np.intp]
@@ -71,10 +68,11 @@ def mistakes_of_joints(data: Measurements, joints: Sequence[UrdfJoint]) -> Itera
 def mistakes_of_readings(data: Measurements, beams: bool) -> Iterator[Mistake]:
     """Mistakes in how spots were read off the screen, if beams are meant, or in what any other instruments read."""
     meant = [reading for reading in data.readings if reading.kind.beam == beams]
-    for name in dict.fromkeys(reading.sensor for reading in meant):
-        for words, change in SENSORS[name].with_camera(data.camera).mistakes().items():
+    for name, sensor in {reading.sensor: data.sensor_of(reading) for reading in meant}.items():
+        for words, change in sensor.mistakes().items():
             yield Mistake(words, partial(_values_through, name, change))
-    if any(_has_axes(reading, data) for reading in meant if reading.sensor == "point"):
+    axes = _axes_of_targets(data)
+    if any(reading.target in axes and reading.kind.points(reading.values) is not None for reading in meant):
         yield Mistake("the poses inverted (the measuring frame as seen from the target)", _poses_inverted)
     yield from _of_targets(data, meant)
 
@@ -138,21 +136,18 @@ def _values_through(sensor: str, change: Change, data: Measurements) -> Measurem
     )
 
 
-def _has_axes(point: Readings, data: Measurements) -> bool:
-    return any(reading.sensor == "orientation" and reading.target == point.target for reading in data.readings)
+def _axes_of_targets(data: Measurements) -> dict[str, Array3]:
+    """The targets whose axes were read, with those, (n, 3, 3)."""
+    read = ((reading.target, reading.kind.axes(reading.values)) for reading in data.readings)
+    return {target: axes for target, axes in read if axes is not None}
 
 
 def _poses_inverted(data: Measurements) -> Measurements:
-    axes = {reading.target: reading for reading in data.readings if reading.sensor == "orientation"}
-
-    def inverted(each: Readings) -> Readings:
-        if each.sensor == "orientation":
-            return replace(each, values=each.values * CONJUGATE)
-        if each.sensor != "point" or each.target not in axes:
-            return each
-        return replace(each, values=-np.einsum("nij,ni->nj", matrices(axes[each.target].values), each.values))
-
-    return replace(data, readings=tuple(inverted(reading) for reading in data.readings))
+    axes = _axes_of_targets(data)
+    inverted = (
+        replace(each, values=each.kind.inverted(each.values, axes[each.target])) if each.target in axes else each for each in data.readings
+    )
+    return replace(data, readings=tuple(inverted))
 
 
 def _targets_swapped(one: str, other: str, data: Measurements) -> Measurements:

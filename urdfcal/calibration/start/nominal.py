@@ -23,7 +23,7 @@ from urdfcal.model.parameters import DEFAULT_PRIORS, Parameter
 from urdfcal.robot.rig import Place
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, as_measured, unreached_words
-from urdfcal.sensors.stated_noise import noise_of
+from urdfcal.sensors.stated_noise import noise_for, noise_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class NominalFit:
         instruments: Their state, (of `alone`).
         x: The state of `errors` at which joints, mount and screen are at their prior mean, (p,).
         noise: Of the measurements, or where its estimation started.
+        kinds: What it is the noise of, in its order.
     """
 
     errors: ErrorModel
@@ -43,11 +44,16 @@ class NominalFit:
     instruments: Vector
     x: Vector
     noise: Noise
+    kinds: tuple[str, ...]
+
+    def with_new_places(self, data: Measurements) -> tuple[ErrorModel, Vector]:
+        """The uncalibrated robot and its state for other measurements: see `with_new_places`."""
+        return with_new_places(self.alone, self.instruments, data, noise_for(self.noise, self.kinds, data))
 
     def linearise(self, data: Measurements) -> Linearisation:
         """Residuals of the uncalibrated robot."""
         with np.errstate(invalid="ignore"):
-            errors, x = with_new_places(self.alone, self.instruments, data, self.noise)
+            errors, x = self.with_new_places(data)
             return Problem(errors, data).linearise(x)
 
     def table(self, data: Measurements) -> SpotTable:
@@ -70,8 +76,8 @@ def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps
         prior = Belief.independent(alone.mean, alone.sigma)
         found = iterated_schedule(problem_of(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
         x[[errors.names.index(name) for name in alone.names]] = found
-        return NominalFit(errors, alone, found, x, noise)
-    return NominalFit(errors, alone, np.empty(0), x, noise)
+        return NominalFit(errors, alone, found, x, noise, data.kinds)
+    return NominalFit(errors, alone, np.empty(0), x, noise, data.kinds)
 
 
 def with_new_places(errors: ErrorModel, x: Vector, data: Measurements, noise: Noise) -> tuple[ErrorModel, Vector]:

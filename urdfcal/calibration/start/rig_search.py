@@ -169,7 +169,7 @@ def _explained(model: Problem, noise: Noise) -> bool:
     usual = np.array([DEFAULT_PRIORS[parameter.kind].sigma(parameter.unit) for parameter in errors.parameters])
     variance = np.sum((linearisation.jacobian * np.minimum(errors.sigma, usual)) ** 2, axis=-1) + noise.spot_sigma**2
     share = np.abs(linearisation.residual) / np.sqrt(variance)
-    beams = [channel for channel in model.channels if channel.sensor.name == "spot" and channel.readings.seen.any()]
+    beams = [channel for channel in model.channels if channel.sensor.on_screen and channel.readings.seen.any()]
     return all(np.median(share[: len(model.data), own.block.columns].max(axis=1)[own.readings.seen]) < _EXPLAINED for own in beams)
 
 

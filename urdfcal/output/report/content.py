@@ -24,6 +24,7 @@ from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.sensor import MAIN_UNIT
 
 _MOST_OUTLIERS = 10
 _PHASES = ("mean", "std", "max")
@@ -220,7 +221,7 @@ def _limit_in_words(calibration: FitResult, sets: Sequence[Residuals], text: str
 
 
 def _suspect_table(found: Sequence[Suspect], source: str) -> Table:
-    in_mm = all(suspect.unit == "mm" for suspect in found)
+    in_mm = all(suspect.unit == MAIN_UNIT for suspect in found)
     rows = tuple(_suspect_row(suspect, "" if in_mm else f" {suspect.unit}") for suspect in found[:_MOST_OUTLIERS])
     return Table(("poses", "pose", source, "distance in mm" if in_mm else "distance", "sigmas"), rows, words=3)
 
@@ -230,7 +231,7 @@ def _suspect_row(suspect: Suspect, unit: str) -> tuple[Cell, ...]:
 
 
 def _millimetres(table: SpotTable) -> bool:
-    return all(row.unit == "mm" for row in table.values())
+    return all(row.unit == MAIN_UNIT for row in table.values())
 
 
 def _more(number: int) -> list[str]:

@@ -20,9 +20,8 @@ from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.problem import Channel, Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.nominal import with_new_places
-from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
-from urdfcal.sensors.measurements import Measurements, start_sigma
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import Sensor, View
 
 Rows = npt.NDArray[np.intp]
@@ -104,8 +103,8 @@ class _State:
 
 
 def _of_set(calibration: FitResult, label: str, data: Measurements) -> list[Residuals]:
-    noise, nominal = _noise_for(calibration, data), calibration.nominal
-    start, instruments = with_new_places(nominal.alone, nominal.instruments, data, nominal.noise)
+    noise, nominal = calibration.noise_for(data), calibration.nominal
+    start, instruments = nominal.with_new_places(data)
     errors, x = (calibration.errors, calibration.x) if label == "fit" else with_new_places(calibration.errors, calibration.x, data, noise)
     model = problem_of(errors, data, noise)
     before, after = _State.of(Problem(start, data), instruments), _State.of(model, x)
@@ -165,14 +164,6 @@ def _lengths(residual: Matrix, S: Array3) -> Vector:
     lengths = np.full(len(residual), np.nan)
     lengths[good] = np.sqrt(np.sum(residual[good] * np.linalg.solve(S[good], residual[good][..., None])[..., 0], axis=-1))
     return lengths
-
-
-def _noise_for(calibration: FitResult, data: Measurements) -> Noise:
-    """The fit's noise for the kinds that a set has."""
-    noise = calibration.estimate.noise
-    known = dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True))
-    start = zip(data.kinds, start_sigma(data).tolist(), strict=True)
-    return replace(noise, sigma=np.array([known.get(kind, sigma) for kind, sigma in start]), stated=True, common=1.0)
 
 
 def _size(residual: Matrix) -> Vector:

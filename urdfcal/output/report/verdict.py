@@ -30,7 +30,7 @@ _FEW = 6  # names that a sentence can hold
 
 
 @dataclass(frozen=True)
-class Finding:
+class Sentence:
     """One sentence, and whether it is good news, bad, or neither."""
 
     level: Level
@@ -53,7 +53,7 @@ class Opening:
     level: Level
     summary: str
     headline: str
-    findings: tuple[Finding, ...]
+    findings: tuple[Sentence, ...]
     predicted: Table | None
     constant: str
 
@@ -63,8 +63,8 @@ def opening_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Opening:
     verdict = verdict_of(calibration)
     level, rejected = _LEVELS[verdict.use], bool(calibration.rejection)
     findings = [
-        *(Finding(level, _sentence(reason)) for reason in verdict.reasons),
-        *(Finding("note", _sentence(advice)) for advice in verdict.advice),
+        *(Sentence(level, _sentence(reason)) for reason in verdict.reasons),
+        *(Sentence("note", _sentence(advice)) for advice in verdict.advice),
         *([] if rejected else _good(calibration)),
         *_noted(calibration),
         _outlying(suspects, wording_of(calibration.data).one),
@@ -107,68 +107,68 @@ def _headline(calibration: FitResult) -> str:
     return f"The {wording_of(calibration.data).one}s lay {before} off on average; after calibration {after}{test}."
 
 
-def _good(calibration: FitResult) -> Iterator[Finding]:
+def _good(calibration: FitResult) -> Iterator[Sentence]:
     """What speaks for it."""
-    yield Finding("good", f"The fit converged after {count_of(len(calibration.estimate.history) - 1, 'sweep')}.")
+    yield Sentence("good", f"The fit converged after {count_of(len(calibration.estimate.history) - 1, 'sweep')}.")
     yield from _tested(calibration)
     noise = calibration.estimate.noise
     if not honest_covariance(calibration) or calibration.disagreements or calibration.extra_noise:
         return
     if noise.all_stated:
-        yield Finding("good", f"Residuals agree with the stated noise: chi-square is {calibration.chi_squared:.3g} per degree of freedom.")
+        yield Sentence("good", f"Residuals agree with the stated noise: chi-square is {calibration.chi_squared:.3g} per degree of freedom.")
     elif calibration.freedom >= LEAST_FREEDOM:
-        yield Finding("good", _sentence(noise_in_words(calibration)))
+        yield Sentence("good", _sentence(noise_in_words(calibration)))
 
 
-def _tested(calibration: FitResult) -> Iterator[Finding]:
+def _tested(calibration: FitResult) -> Iterator[Sentence]:
     """How far off poses are that were not fitted; where that is too far the verdict says so."""
     tables = [(calibration.test[1], "Test poses")] if calibration.test and calibration.test[1] else []
     if calibration.folds is not None:
         tables.append((calibration.folds.after, f"Poses left out in turn ({calibration.folds.folds} fits)"))
     for table, what in tables:
         unit, fitted = main_unit(table), rms_of(calibration.after)
-        yield Finding("note", f"{what} are {rms_of(table):.3g} {unit} off (RMS), fitted ones {fitted:.3g} {unit}.")
+        yield Sentence("note", f"{what} are {rms_of(table):.3g} {unit} off (RMS), fitted ones {fitted:.3g} {unit}.")
     if not tables:
-        yield Finding("note", "No test poses: how well other poses are predicted has not been checked.")
+        yield Sentence("note", "No test poses: how well other poses are predicted has not been checked.")
 
 
-def _noted(calibration: FitResult) -> Iterator[Finding]:
+def _noted(calibration: FitResult) -> Iterator[Sentence]:
     """What whoever reads the numbers ought to know."""
     if honest_covariance(calibration):
         yield _decided(calibration)
     number, used = len(calibration.outliers), sum(row.n for row in calibration.after.values())
     if number:
         words = f"{count_of(number, wording_of(calibration.data).one)} left out or mended as outliers; the fit rests on {used}."
-        yield Finding("note", words)
+        yield Sentence("note", words)
 
 
-def _decided(calibration: FitResult) -> Finding:
+def _decided(calibration: FitResult) -> Sentence:
     seen, parameters = calibration.identifiability, calibration.errors.parameters
     own = [(parameter.name, flag) for parameter, flag in zip(parameters, seen.determined, strict=True) if parameter.kind not in INSTRUMENTS]
     total, left = len(own), [name for name, flag in own if not flag]
     what = "parameters of the robot" if total < len(parameters) else "parameters"
     if not left:
-        return Finding("good", f"The data determine all {total} {what}.")
+        return Sentence("good", f"The data determine all {total} {what}.")
     named = ", ".join(left[:_FEW]) + (f" and {len(left) - _FEW} more" if len(left) > _FEW else "")
-    return Finding(
+    return Sentence(
         "note",
         f"The data determine {seen.rank} of {len(parameters)} directions; {len(left)} of {total} {what} are not determined alone ({named}) "
         "and are held by their priors.",
     )
 
 
-def _warned(warnings: Sequence[str]) -> Iterator[Finding]:
+def _warned(warnings: Sequence[str]) -> Iterator[Sentence]:
     if warnings:
-        yield Finding("note", f"{count_of(len(warnings), 'warning')}, listed below.")
+        yield Sentence("note", f"{count_of(len(warnings), 'warning')}, listed below.")
 
 
 def _sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}."
 
 
-def _outlying(suspects: Sequence[Suspect], noun: str) -> Finding:
+def _outlying(suspects: Sequence[Suspect], noun: str) -> Sentence:
     if not suspects:
-        return Finding("good", f"No {noun} that was used stands out from the rest.")
+        return Sentence("good", f"No {noun} that was used stands out from the rest.")
     worst = suspects[0]
     farthest = f"{worst.set} pose {worst.pose}, {worst.name}, {rough(worst.distance)} {worst.unit}"
-    return Finding("note", f"{count_of(len(suspects), noun)} far from the rest; the farthest: {farthest}.")
+    return Sentence("note", f"{count_of(len(suspects), noun)} far from the rest; the farthest: {farthest}.")

@@ -29,6 +29,7 @@ from urdfcal.output.text.instruments import (
 from urdfcal.output.text.outliers import outlier_blocks
 from urdfcal.output.text.stands_out import stands_out_blocks
 from urdfcal.output.text.verdict import verdict_blocks
+from urdfcal.sensors.sensor import MAIN_UNIT
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -132,7 +133,7 @@ def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]], 
         for laser, row in before.items():
             figures = [row.mean, row.std, row.max]
             figures += [after[laser].mean, after[laser].std, after[laser].max] if after is not None else []
-            unit = "" if row.unit == "mm" else f" in {row.unit}"
+            unit = "" if row.unit == MAIN_UNIT else f" in {row.unit}"
             table.add_row(label, f"{laser}{unit}", str(row.n), *(_mm(figure) for figure in figures))
     units = dict.fromkeys(row.unit for _, before, _ in rows for row in before.values())
     return titled(f"Distance from measured to predicted{' spot' if spots else ''}, in {' and '.join(units) or 'mm'}", table)

@@ -58,7 +58,7 @@ def _histogram(title: str, caption: str, shown: Sequence[Residuals], sizes: Sequ
         if noise and len(together):
             axes.plot(*_noise_alone(shown, edges, len(together) / sum(len(size) > 0 for size in kept)), color=INK, label="noise alone")
         axes.locator_params(axis="x", nbins=6)
-        axes.set(xlabel=f"{'angle' if words.unit == 'deg' else 'distance'} from measured to predicted in {words.unit}")
+        axes.set(xlabel=f"{words.apart} from measured to predicted in {words.unit}")
         axes.set(ylabel="readings", xlim=(0, edges[-1]), ylim=(0, 1.25 * max(1, *(int(count.max()) for count in counts), 1)))
 
     return draw_picture("histograms", title, caption, 2.8, draw)
