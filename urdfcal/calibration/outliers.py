@@ -15,7 +15,7 @@ import numpy as np
 from urdfcal.base.geometry import MM, Mask, Vector
 from urdfcal.calibration.nominal_explains import explained_by_nominal
 from urdfcal.calibration.problem import Problem
-from urdfcal.calibration.richer import Judged, judged_by_more
+from urdfcal.calibration.richer import Explained, judged_by_more
 from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.calibration.together import lie_together
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
@@ -143,7 +143,7 @@ def fit_without_outliers(
 
 def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
     """The same once models were asked that have more in them than geometry."""
-    judged = judged_by_more(Judged(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
+    judged = judged_by_more(Explained(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
     if not judged.names:
         return apart
     regained = int(np.count_nonzero((judged.kept & ~apart.kept)[: len(model.data)]))

@@ -38,7 +38,7 @@ DOWN = ((0.0, 0.0, -1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))  # opposite ones d
 
 
 @dataclass(frozen=True)
-class Judged:
+class Explained:
     """What a model keeps of the readings.
 
     Attributes:
@@ -60,7 +60,7 @@ class Judged:
         return log_evidence(observed.at(found.belief.x, kept), found, self.model.errors) if found.converged else -np.inf
 
 
-def judged_by_more(geometry: Judged, robot: Robot, noise: Noise, gravity: Gravity | None = None) -> Judged:
+def judged_by_more(geometry: Explained, robot: Robot, noise: Noise, gravity: Gravity | None = None) -> Explained:
     """What the richest model that the data ask for keeps of the readings; geometry's own judgement where they ask for none.
 
     Args:
@@ -83,7 +83,7 @@ def judged_by_more(geometry: Judged, robot: Robot, noise: Noise, gravity: Gravit
     return best
 
 
-def _better(best: Judged, other: Judged | None, noise: Noise) -> Judged:
+def _better(best: Explained, other: Explained | None, noise: Noise) -> Explained:
     """The other if the data ask for it."""
     if other is None:
         return best
@@ -92,20 +92,20 @@ def _better(best: Judged, other: Judged | None, noise: Noise) -> Judged:
     return other if other.evidence_of(kept, noise) > best.evidence_of(kept, noise) + LEAST_GAIN else best
 
 
-def _with_sag(geometry: Judged, robot: Robot, pull: Gravity, noise: Noise) -> Judged | None:
+def _with_sag(geometry: Explained, robot: Robot, pull: Gravity, noise: Noise) -> Explained | None:
     weighed = WeighedRobot(robot, pull)
     terms = gravity_terms(robot.chain, weighed.moments(usual_range(robot, geometry.model.data)))
     return _judged(geometry, with_softness(geometry.model.errors, terms, weighed, robot.rig.tip), "sag", noise) if terms else None
 
 
-def _with_terms(poorer: Judged, robot: Robot, more: Sequence[Term], name: str, noise: Noise) -> Judged | None:
+def _with_terms(poorer: Explained, robot: Robot, more: Sequence[Term], name: str, noise: Noise) -> Explained | None:
     soft = poorer.model.errors.soft
     weighed = soft.weighed if soft is not None else WeighedRobot(robot, Gravity())
     terms = (*(soft.terms if soft is not None else ()), *more)
     return _judged(poorer, with_softness(poorer.model.errors, terms, weighed, robot.rig.tip), name, noise) if more else None
 
 
-def _judged(poorer: Judged, errors: ErrorModel, name: str, noise: Noise) -> Judged | None:
+def _judged(poorer: Explained, errors: ErrorModel, name: str, noise: Noise) -> Explained | None:
     """What a richer model keeps, begun where the poorer one ended; None where it finds no rest, or cannot explain any more than that."""
     known = dict(zip(poorer.model.errors.names, poorer.estimate.belief.x.tolist(), strict=True))
     start = np.array([known.get(own, 0.0) for own in errors.names])
@@ -118,7 +118,7 @@ def _judged(poorer: Judged, errors: ErrorModel, name: str, noise: Noise) -> Judg
     estimate, kept = gate(observed, prior, noise, first, begin=start)
     if not estimate.converged:
         return None
-    return Judged(model, estimate, np.ones_like(observed.made) if kept is None else kept, (*poorer.names, name))
+    return Explained(model, estimate, np.ones_like(observed.made) if kept is None else kept, (*poorer.names, name))
 
 
 def _prior(model: Problem) -> Belief:

@@ -107,14 +107,19 @@ class Fitted:
         return np.asarray(np.linalg.inv(self.H.T @ self.H + np.eye(self.H.shape[1])))
 
     @cached_property
+    def x(self) -> Vector:
+        """The parameters, in units of their prior sigmas, (p,)."""
+        return np.asarray(self.P @ (self.H.T @ self.y))
+
+    @cached_property
     def r(self) -> Vector:
         """What is left, M y, (N,)."""
-        return self.y - self.H @ (self.P @ (self.H.T @ self.y))
+        return np.asarray(self.y - self.H @ self.x)
 
     @cached_property
     def total(self) -> float:
-        """Y' M y: what there is to explain."""
-        return float(self.y @ self.r)
+        """What there is to explain: y' M y, as what is left and how far the parameters had to go."""
+        return float(self.r @ self.r + self.x @ self.x)
 
     def asked(self, B: Matrix) -> Score:
         """What the residual says of some whitened columns, (N, k)."""
