@@ -14,7 +14,7 @@ from urdfcal.calibration.asking.disturbances import courses_of
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
 from urdfcal.calibration.asking.lacking import Lacking
-from urdfcal.calibration.asking.questions import LEAST_GAINS, NAMED, Answer
+from urdfcal.calibration.asking.questions import HEARD, LEAST_GAINS, NAMED, Answer
 from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
@@ -59,7 +59,6 @@ from urdfcal.sensors.registry import noun
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
-_HEARD = 2.0  # [nats] from which an answer widens what is predicted
 _MOST_ENTERED = 3  # things that a rig may do at once
 _ANY = 3.0  # degrees of freedom that tell at least whether there is more
 
@@ -305,7 +304,7 @@ class FitTask:
         tried = set[str]()
         while True:
             interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, self.gravity))
-            answers = interview.answers(_HEARD)
+            answers = interview.answers(HEARD)
             fitted = replace(fitted, interview=interview, answers=tuple(answers))
             wanted = next((answer for answer in answers if answer.enters and answer.name not in tried), None)
             if wanted is None or len(fitted.entered) == _MOST_ENTERED:

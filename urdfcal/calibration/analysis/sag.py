@@ -17,11 +17,14 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.asking.folds import clustered
+from urdfcal.calibration.asking.ground import Ground
+from urdfcal.calibration.asking.interview import Interview
+from urdfcal.calibration.asking.questions import HEARD
 from urdfcal.calibration.error_table import error_table, main_unit
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.richer import LEAST_GAIN, log_evidence, usual_range
-from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
+from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, posterior
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
@@ -159,7 +162,7 @@ def fit_sag(
     warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
     gain = whole.log_evidence - alone.log_evidence
     dropped = tuple(extra for extra in further if extra not in kept)
-    return SagFit(calibration, whole.errors, whole.estimate, gravity, gain, held_out, tuple(kept), dropped, warnings)
+    return SagFit(calibration, whole.errors, setup.widened(whole, gravity), gravity, gain, held_out, tuple(kept), dropped, warnings)
 
 
 @dataclass(frozen=True)
@@ -207,6 +210,18 @@ class _Setup:
         whitened = Fitted.of(linearisation, fitted.estimate.noise, x, Belief.independent(errors.mean, errors.sigma))
         lost = fitted.estimate.noise.log_determinant(linearisation) / 2  # each is whitened by a noise of its own
         return whitened.predicted(clustered(data.q, data.configuration_of), len(linearisation.residual)) - lost
+
+    def widened(self, whole: _Fitted, gravity: Gravity) -> Estimate:
+        """The joint fit, whose covariance knows of what is not in it either."""
+        found, errors = whole.estimate, whole.errors
+        interview = Interview(Ground(self.calibration.robot, whole.model, found, gravity))
+        lacking = interview.lacking(interview.answers(HEARD)) if found.converged else None
+        if lacking is None:
+            return found
+        linearisation = whole.model.linearise(found.belief.x)
+        plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)
+        H = found.noise.weights(linearisation).jacobian(linearisation)
+        return replace(found, belief=Belief(found.belief.x, lacking.widened(found.belief.P, plain, H)))
 
     def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
         """Gravity's terms over the joints' range."""

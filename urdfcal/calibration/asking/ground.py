@@ -75,8 +75,9 @@ class Ground:
     @cached_property
     def turns(self) -> tuple[Array3, tuple[Term, ...]]:
         """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
-        terms = unit_terms(self.robot.chain)
-        errors = with_softness(self.model.errors, terms, self.pulls[0], self.robot.rig.tip)
+        terms, soft = unit_terms(self.robot.chain), self.model.errors.soft
+        weighed, before = (soft.weighed, soft.terms) if soft is not None else (self.pulls[0], ())
+        errors = with_softness(self.model.errors, (*before, *terms), weighed, self.robot.rig.tip)
         x = np.concatenate([self.estimate.belief.x, np.zeros(len(terms))])
         linearised = Problem(errors, self.model.data).linearise(x)
         return linearised.jacobian[: len(self.model.data), :, len(self.estimate.belief.x) :], terms

@@ -23,6 +23,8 @@ from urdfcal.output.report.wording import wording_of
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
+from urdfcal.output.text.stands_out import COLUMNS as STANDS_OUT
+from urdfcal.output.text.stands_out import stands_out_rows
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import MAIN_UNIT
 
@@ -64,6 +66,7 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
         _combinations(calibration),
         _carried(calibration),
         _correlations(calibration),
+        _asked(calibration),
         _outliers(calibration, sets, found),
         *([sag] if sag is not None else []),
         Section("warnings", "Warnings", (Points(calibration.warnings),) if calibration.warnings else ()),
@@ -186,6 +189,15 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
     first, second = sorted(divmod(int(np.argmax(np.abs(block))), len(rows)))
     strongest = "" if len(group) == 2 else f", strongest {group[first]} with {group[second]}"
     return f"{', '.join(group)} (correlation {block[first, second]:+.3f}{strongest})"
+
+
+def _asked(calibration: FitResult) -> Section:
+    text = (
+        "What the residuals say that geometry has no word for, strongest first, each beside those above it. A gain is in nats of log "
+        "evidence: odds of e to that power. What is in neither fit nor compensation is in the sigmas."
+    )
+    rows = tuple(stands_out_rows(calibration))
+    return Section("asked", "Beside geometry", (text, Table(STANDS_OUT, rows, words=4)) if rows else ())
 
 
 def _outliers(calibration: FitResult, sets: Sequence[Residuals], found: Sequence[Suspect]) -> Section:

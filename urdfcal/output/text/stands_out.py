@@ -11,12 +11,12 @@ from urdfcal.calibration.result import FitResult
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-COLUMNS = ("what", "where", "gain nats", "it is", "would be confirmed by")
+COLUMNS = ("what", "where", "it is", "would be confirmed by", "gain in nats")
 
 
 def stands_out_rows(calibration: FitResult) -> list[tuple[str, ...]]:
     """A row for each, strongest first."""
-    return [(own.words, own.where or "", f"{own.gain:.0f}", _became(own), own.confirmed_by) for own in calibration.stands_out]
+    return [(own.words, own.where, _became(own), own.confirmed_by, f"{own.gain:.0f}") for own in calibration.stands_out]
 
 
 def _became(own: StandsOut) -> str:
@@ -29,10 +29,8 @@ def stands_out_blocks(calibration: FitResult) -> list[RenderableType]:
     """For people; nothing where nothing stands out."""
     if not calibration.stands_out:
         return []
-    table = figures_table(*COLUMNS[:2])
-    table.add_column(COLUMNS[2].replace(" ", "\n"), justify="right")
-    for name in COLUMNS[3:]:
-        table.add_column(name)
+    table = figures_table(*COLUMNS[:-1])
+    table.add_column(COLUMNS[-1].replace(" in ", "\n"), justify="right")
     for row in stands_out_rows(calibration):
         table.add_row(*row)
     return ["", titled("What the residuals ask for beside geometry", table)]
