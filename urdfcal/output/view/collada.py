@@ -1,0 +1,110 @@
+"""What a Collada file asks for, before anything builds it: the pictures that it names, and how far its nodes unfold.
+
+Assimp and the browser follow nodes that contain one another without a limit: a few lines could end the process or fill all memory.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from xml.parsers import expat
+
+from urdfcal.base.errors import RobotError
+
+DEEPEST = 200  # elements within one another, and nodes through others
+MOST_ELEMENTS = 500_000
+MOST_NODES = 10_000  # when every reference to a node is followed
+
+_INSTANCES = ("instance_node", "instance_geometry", "instance_controller")
+
+
+@dataclass
+class Collada:
+    """What was found in a file.
+
+    Attributes:
+        pictures: Names of pictures, as the file has them.
+        well_formed: Whether the browser's reader takes it, too: every prefix is declared.
+    """
+
+    pictures: list[str] = field(default_factory=list)
+    well_formed: bool = True
+
+
+def scan_collada(content: bytes) -> Collada:
+    """Look through a Collada file without building it.
+
+    Raises:
+        RobotError: it is none, declares a document type, is nested too deep, has too many elements, or its nodes contain themselves
+            or unfold to too many.
+    """
+    scan = _Scan()
+    try:
+        scan.parser.Parse(content, True)
+    except (expat.ExpatError, ValueError, LookupError) as error:  # the last two: an encoding that is none
+        raise RobotError(f"is no whole XML ({error})") from None
+    scan.require_few_nodes()
+    found = Collada([name for name in ("".join(words).strip() for words in scan.names) if name])
+    try:
+        expat.ParserCreate(namespace_separator=" ").Parse(content, True)
+    except expat.ExpatError:
+        found.well_formed = False
+    return found
+
+
+class _Scan:
+    """Reads along: counts elements, keeps the names of pictures, and which node holds which."""
+
+    def __init__(self) -> None:
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler, self.parser.EndElementHandler = self._start, self._end
+        self.parser.StartDoctypeDeclHandler = self._refuse_doctype
+        self.names: list[list[str]] = []
+        self._path: list[str] = []
+        self._nodes: list[str] = []  # those that are open: their ids, or a name of our own
+        self._held: dict[str, Counter[str]] = {"": Counter()}
+        self._elements = 0
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        tag = tag.rpartition(":")[2]
+        if not self._path and tag != "COLLADA":
+            raise RobotError(f"is no Collada, it opens with <{tag}>")
+        self._path.append(tag)
+        self._elements += 1
+        if self._elements > MOST_ELEMENTS or len(self._path) > DEEPEST:
+            raise RobotError(f"has more than {MOST_ELEMENTS} elements, or more than {DEEPEST} within one another")
+        inside = self._held[self._nodes[-1] if self._nodes else ""]
+        if tag in ("node", "visual_scene"):
+            name = attributes.get("id") or attributes.get("name") or f" {self._elements}"
+            inside[name] += 1
+            self._held.setdefault(name, Counter())
+            self._nodes.append(name)
+        elif tag in _INSTANCES:
+            inside[attributes.get("url", "").removeprefix("#")] += 1
+        elif tag == "init_from" and "image" in self._path:
+            self.names.append([])
+            self.parser.CharacterDataHandler = self.names[-1].append
+
+    def _end(self, tag: str) -> None:
+        self.parser.CharacterDataHandler = None
+        if self._path.pop() in ("node", "visual_scene"):
+            self._nodes.pop()
+
+    def _refuse_doctype(self, *_: object) -> None:
+        raise RobotError("declares a document type, which no Collada file needs")
+
+    def require_few_nodes(self) -> None:
+        """Follow every reference, each node's own only once."""
+        sizes: dict[str, int] = {}
+        for root in self._held:
+            self._unfolded(root, sizes, ())
+        if max(sizes.values()) > MOST_NODES:
+            raise RobotError(f"has nodes that unfold to more than {MOST_NODES}")
+
+    def _unfolded(self, node: str, sizes: dict[str, int], within: tuple[str, ...]) -> int:
+        if node in within or len(within) > DEEPEST:
+            raise RobotError(f"has nodes within themselves, or more than {DEEPEST} within one another")
+        if node not in sizes:
+            inside = (count * self._unfolded(each, sizes, (*within, node)) for each, count in self._held.get(node, Counter()).items())
+            sizes[node] = 1 + sum(inside)
+        return sizes[node]
