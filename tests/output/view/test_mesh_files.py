@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import gzip
 import os
 import re
 import struct
+import time
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
@@ -364,3 +366,25 @@ def test_corners_that_cannot_be_drawn_leave_the_shape_out(home: Path, kind: str,
     assert not is_shown(shapes)
     assert re.search("corners that are no numbers or beyond 1000 m|cannot be read", *shapes.warnings)
     assert b"NaN" not in re.sub(rb"<script>.*?</script>", b"", content_of(robot), flags=re.DOTALL).split(b"urdfcal-scene")[0]
+
+
+def test_nodes_of_one_name_within_one_another_are_usual(home: Path) -> None:
+    """Exporters leave names that are not unique, which only matters where something refers to them."""
+    (home / "a.dae").write_text(collada(f'<node name="Node"><node name="Node">{TRIANGLE}</node></node>'))
+    assert is_shown(robot_shapes(showing("a.dae", home)))
+    with pytest.raises(RobotError, match="within themselves"):
+        scan_collada(collada(f'<node id="x" name="a"><node id="a">{TRIANGLE}</node><instance_node url="#a"/></node>').encode())
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"\n" * 2_000_000, b" " * 2_000_000, b"mtllib " + b" " * 1_000_000 + b"x" + b" " * 1_000_000 + b"y", b"mtllib" + b" a b" * 500_000],
+    ids=["lines", "spaces", "gap", "names"],
+)
+def test_looking_through_an_obj_takes_no_longer_than_it_is(home: Path, content: bytes) -> None:
+    """Megabytes of nothing are a matter of moments; an expression that starts over at every letter would take hours."""
+    (home / "a.obj").write_bytes(content + b"\n" + OBJ.encode())
+    start = time.process_time()
+    with contextlib.suppress(RobotError):
+        mesh_files.MeshFiles(showing("a.obj", home).description).find("a.obj")
+    assert time.process_time() - start < 10

@@ -61,8 +61,9 @@ class _Scan:
         self.parser.StartDoctypeDeclHandler = self._refuse_doctype
         self.names: list[list[str]] = []
         self._path: list[str] = []
-        self._nodes: list[str] = []  # those that are open: their ids, or a name of our own
-        self._held: dict[str, Counter[str]] = {"": Counter()}
+        self._nodes: list[int] = [0]  # those that are open, by their numbers; 0 holds all others
+        self._held: list[Counter[int | str]] = [Counter()]  # what each node holds: nodes, and labels of those that it refers to
+        self._labelled: dict[str, set[int]] = {}  # nodes by their id and by their name, either of which may be referred to
         self._elements = 0
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
@@ -73,12 +74,15 @@ class _Scan:
         self._elements += 1
         if self._elements > MOST_ELEMENTS or len(self._path) > DEEPEST:
             raise RobotError(f"has more than {MOST_ELEMENTS} elements, or more than {DEEPEST} within one another")
-        inside = self._held[self._nodes[-1] if self._nodes else ""]
+        inside = self._held[self._nodes[-1]]
         if tag in ("node", "visual_scene"):
-            name = attributes.get("id") or attributes.get("name") or f" {self._elements}"
-            inside[name] += 1
-            self._held.setdefault(name, Counter())
-            self._nodes.append(name)
+            number = len(self._held)
+            inside[number] += 1
+            self._held.append(Counter())
+            self._nodes.append(number)
+            for label in (attributes.get("id"), attributes.get("name")):
+                if label:
+                    self._labelled.setdefault(label, set()).add(number)
         elif tag in _INSTANCES:
             inside[attributes.get("url", "").removeprefix("#")] += 1
         elif tag == "init_from" and "image" in self._path:
@@ -95,16 +99,20 @@ class _Scan:
 
     def require_few_nodes(self) -> None:
         """Follow every reference, each node's own only once."""
-        sizes: dict[str, int] = {}
-        for root in self._held:
+        sizes: dict[int, int] = {}
+        for root in range(len(self._held)):
             self._unfolded(root, sizes, ())
         if max(sizes.values()) > MOST_NODES:
             raise RobotError(f"has nodes that unfold to more than {MOST_NODES}")
 
-    def _unfolded(self, node: str, sizes: dict[str, int], within: tuple[str, ...]) -> int:
+    def _unfolded(self, node: int, sizes: dict[int, int], within: tuple[int, ...]) -> int:
+        """How many nodes and geometries one node is, with all that it holds and refers to."""
         if node in within or len(within) > DEEPEST:
             raise RobotError(f"has nodes within themselves, or more than {DEEPEST} within one another")
         if node not in sizes:
-            inside = (count * self._unfolded(each, sizes, (*within, node)) for each, count in self._held.get(node, Counter()).items())
-            sizes[node] = 1 + sum(inside)
+            own = 1
+            for held, count in self._held[node].items():
+                meant = (held,) if isinstance(held, int) else self._labelled.get(held, ())
+                own += count * max(1, sum(self._unfolded(each, sizes, (*within, node)) for each in meant))
+            sizes[node] = own
         return sizes[node]

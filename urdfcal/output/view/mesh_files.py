@@ -30,7 +30,10 @@ MOST_PIXELS_TOGETHER = 2**27  # a browser takes four bytes for each
 READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 Textures = Mapping[str, str]  # name in the Collada file: the picture as a data: URI
 _STL_HEAD, _STL_FACET = 84, 50  # bytes
-_LIBRARY = re.compile(rb"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
+_LINE_ENDS = bytes.maketrans(b"\r\f\0", b"\n\n\n")  # what else ends a line for Assimp
+_FACE = re.compile(rb"^[ \t]*f[ \t]", re.MULTILINE)
+_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+)$", re.MULTILINE)
+_MOST_LIBRARIES = 100  # names of .mtl files in an .obj
 
 
 class MeshFiles:
@@ -131,12 +134,14 @@ class MeshFiles:
 
     def _check_obj(self, path: Path) -> None:
         """Refuse what Assimp would open beside it and is not the robot's own; a library that is missing does no harm."""
-        content = path.read_bytes()
-        if not re.search(rb"^\s*f\s", content, re.MULTILINE):
+        content = re.sub(rb"\\\r?\n", b" ", path.read_bytes()).translate(_LINE_ENDS)
+        if not _FACE.search(content):
             raise RobotError("has no faces")
-        joined = re.sub(rb"\\\r?\n|\r", lambda end: b"\n" if end[0] == b"\r" else b" ", content)
-        lines = [line.decode("utf-8", "replace") for line in _LIBRARY.findall(joined)]
-        for name in (path.with_suffix(".mtl").name, *lines, *(word for line in lines for word in line.split())):
+        lines = [line.decode("utf-8", "replace").strip() for line in _LIBRARY.findall(content)]
+        names = list(dict.fromkeys((path.with_suffix(".mtl").name, *lines, *(word for line in lines for word in line.split()))))
+        if len(names) > _MOST_LIBRARIES:
+            raise RobotError(f"names more than {_MOST_LIBRARIES} material files")
+        for name in names:
             for file in (Path(name), path.parent / name.lstrip("/")):
                 try:
                     self._own_file(name, file, path.parent, MOST_OF_A_MESH)
