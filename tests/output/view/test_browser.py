@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -386,6 +387,15 @@ def test_the_page_reaches_no_network(browser: Browser, arm7_page: Path) -> None:
             guarded = f"new Promise(done => {{ try {{ {attempt} }} catch (error) {{ done('kept'); }} }})"
             assert browser.run(guarded) == "kept"
             assert browser.wait_for("window.refused")
+
+
+def test_the_page_is_drawn_in_a_notebooks_frame(browser: Browser, arm7_view: View, tmp_path: Path) -> None:
+    """The frame keeps it from the notebook around it, and it is drawn all the same."""
+    (tmp_path / "cell.html").write_text(f"<!DOCTYPE html><body>{arm7_view._repr_html_()}</body>", "utf-8")
+    browser.open(tmp_path / "cell.html", ready="Number(document.readyState === 'complete')")
+    end = time.monotonic() + browser.patience
+    while coloured(browser.picture(), MEASURED).sum() < 50:
+        assert time.monotonic() < end, browser.console
 
 
 @pytest.mark.parametrize(("element", "content"), [("urdfcal-config", '{"poses": NaN}'), ("urdfcal-scene", "AAAA"), ("urdfcal-config", "")])

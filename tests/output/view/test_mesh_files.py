@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from tests.support.meshes import OBJ, STL, TRIANGLE, collada, showing
+from tests.support.small_robot import robot_of
 from urdfcal.base.errors import RobotError
 from urdfcal.output.view import collada as limits
 from urdfcal.output.view import mesh_files
@@ -388,3 +389,19 @@ def test_looking_through_an_obj_takes_no_longer_than_it_is(home: Path, content: 
     with contextlib.suppress(RobotError):
         mesh_files.MeshFiles(showing("a.obj", home).description).find("a.obj")
     assert time.process_time() - start < 10
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("a.obj", "v 0 0 0\nf 1 2 3\n"), ("a.stl", "solid x\nvertex\n"), ("a.dae", collada().replace("<p>", "<p>9 "))]
+)
+def test_one_mesh_that_cannot_be_read_spoils_no_other(home: Path, name: str, content: str) -> None:
+    """Its link is a simple shape and the line names it; the others are shown."""
+    (home / name).write_text(content)
+    (home / "b.stl").write_text(STL)
+    robot = showing(name, home)
+    second = '<link name="base"><visual><geometry><mesh filename="b.stl"/></geometry></visual></link>'
+    robot = robot_of(robot.description.text.decode().replace('<link name="base"/>', second), str(home / "small.urdf"))
+    shapes = robot_shapes(robot)
+    assert shapes.simple == ("upper",)
+    assert "base_0" in {shape.name for shape in shapes.model.geometryObjects}
+    assert re.search(f"1 meshes are drawn as simple shapes, the first because {name} cannot be read: ", *shapes.warnings)

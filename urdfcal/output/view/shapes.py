@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,8 +86,8 @@ def robot_shapes(robot: Robot) -> Shapes:
     bare, reasons = _only_drawable(root, files)
     unreadable = ""
     try:
-        model = _from_urdf(robot, root)
-        bare |= _without_endless(robot, model, reasons)
+        model, unread = _readable(robot, root, reasons)
+        bare |= unread | _without_endless(robot, model, reasons)
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
         unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
@@ -162,6 +163,33 @@ def _only_drawable(root: etree._Element, files: MeshFiles) -> tuple[set[str], _R
 def _from_urdf(robot: Robot, root: etree._Element) -> Any:
     with native_stderr():  # of shapes that it passes over, and simple ones stand for
         return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
+
+
+def _readable(robot: Robot, root: etree._Element, reasons: _Reasons) -> tuple[Any, set[str]]:
+    """The shapes that can be read, and the links of the others, whose meshes one after the other is then asked."""
+    try:
+        return _from_urdf(robot, root), set()
+    except (ValueError, RuntimeError):
+        bare = _remove_unreadable(root, reasons)
+        return _from_urdf(robot, root), bare
+
+
+def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
+    import coal
+
+    bare: set[str] = set()
+    for link in root.findall("link"):
+        for visual, mesh in [(each, mesh) for each in link.findall("visual") for mesh in each.findall("geometry/mesh")]:
+            path = Path(mesh.get("filename", ""))
+            try:
+                with native_stderr():
+                    coal.MeshLoader().load(str(path), np.ones(3))
+            except (ValueError, RuntimeError) as error:
+                link.remove(visual)
+                bare.add(link.get("name", ""))
+                why = without_its_source(str(error)).removesuffix("Hint: the mesh directory may be wrong.")
+                reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
+    return bare
 
 
 def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:
