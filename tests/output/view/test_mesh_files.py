@@ -190,7 +190,7 @@ def test_a_mesh_that_is_too_large_is_not_read(home: Path, ending: str) -> None:
     """A file of a terabyte without content: were it read, this test would not end."""
     with (home / f"a.{ending}").open("wb") as file:
         file.truncate(10**12)
-    refused(showing(f"a.{ending}", home), "has 1000000 MB, the most is 64 MB")
+    refused(showing(f"a.{ending}", home), "has 1000000 MB, the most is 40 MB")
 
 
 def test_all_meshes_together_have_a_limit(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -405,3 +405,30 @@ def test_one_mesh_that_cannot_be_read_spoils_no_other(home: Path, name: str, con
     assert shapes.simple == ("upper",)
     assert "base_0" in {shape.name for shape in shapes.model.geometryObjects}
     assert re.search(f"1 meshes are drawn as simple shapes, the first because {name} cannot be read: ", *shapes.warnings)
+
+
+FACET = STL.split("solid s\n")[1].split("endsolid")[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.stl", b"\0" * 80 + struct.pack("<I", 12) + b"\0" * 600),
+        ("a.stl", f"solid s\n{12 * FACET}endsolid s\n".encode()),
+        ("a.obj", (OBJ + "f 1 2 3\n" * 11).encode()),
+        ("a.dae", collada(12 * f"<node>{TRIANGLE}</node>").encode()),
+        ("a.dae", collada().replace("0 1 2</p>", "0 1 2 " * 12 + "</p>").encode()),
+        ("a.dae", collada('<node id="a">' + 3 * TRIANGLE + "</node>" + 3 * '<node><instance_node url="#a"/></node>').encode()),
+    ],
+    ids=["binary", "words", "obj", "instances", "indices", "nodes"],
+)
+def test_triangles_are_counted_before_they_are_built(home: Path, monkeypatch: pytest.MonkeyPatch, name: str, content: bytes) -> None:
+    """Twelve triangles are 36 corners, however they are written; a few bytes may stand for very many."""
+    (home / name).write_bytes(content)
+    for together in (False, True):
+        monkeypatch.setattr(mesh_files, "MOST_CORNERS", 36)
+        monkeypatch.setattr(mesh_files, "MOST_CORNERS_TOGETHER", 36)
+        mesh_files.MeshFiles(showing(name, home).description).find(name)
+        monkeypatch.setattr(mesh_files, "MOST_CORNERS_TOGETHER" if together else "MOST_CORNERS", 35)
+        with pytest.raises(RobotError, match=r"35 corners|most is 35"):
+            mesh_files.MeshFiles(showing(name, home).description).find(name)

@@ -21,9 +21,11 @@ from urdfcal.robot.pinocchio_model import native_stderr
 from urdfcal.vision.picture_header import KINDS, stated_size
 from urdfcal.vision.pictures import decoded
 
-MOST_OF_A_MESH = 64_000_000  # bytes of one file
+MOST_OF_A_MESH = 40_000_000  # bytes of one file
+MOST_CORNERS = 1_500_000  # of the triangles of one mesh; a triangle takes 1 kB where it is built
+MOST_CORNERS_TOGETHER = 5_000_000  # of all meshes of one robot, one that is shown twice counts twice
 MOST_OF_A_TEXTURE = 16_000_000  # bytes
-MOST_TOGETHER = 256_000_000  # bytes of all that one robot shows, a file that is shown twice counts twice
+MOST_TOGETHER = 160_000_000  # bytes of all that one robot shows, a file that is shown twice counts twice
 MOST_PIXELS = 2**25  # of one texture: 8192 x 4096
 MOST_PIXELS_TOGETHER = 2**27  # a browser takes four bytes for each
 
@@ -31,7 +33,7 @@ READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 Textures = Mapping[str, str]  # name in the Collada file: the picture as a data: URI
 _STL_HEAD, _STL_FACET = 84, 50  # bytes
 _LINE_ENDS = bytes.maketrans(b"\r\f\0", b"\n\n\n")  # what else ends a line for Assimp
-_FACE = re.compile(rb"^[ \t]*f[ \t]", re.MULTILINE)
+_FACE = re.compile(rb"^[ \t]*f[ \t](.*)$", re.MULTILINE)
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+)$", re.MULTILINE)
 _MOST_LIBRARIES = 100  # names of .mtl files in an .obj
 
@@ -48,7 +50,8 @@ class MeshFiles:
         self.textures: dict[str, Textures | None] = {}
         self.refused_textures: list[str] = []
         self._description = description
-        self._bytes = self._pixels = 0
+        self._bytes = self._pixels = self._corners = 0
+        self._corners_of: dict[str, int] = {}  # by the Collada file's path
 
     def find(self, uri: str) -> Path:
         """The file that a <mesh> names, all links followed.
@@ -65,7 +68,7 @@ class MeshFiles:
             raise RobotError(f"{uri} is none of {', '.join(READABLE)}")
         self._count(uri, path)
         try:
-            {".dae": self._check_collada, ".obj": self._check_obj, ".stl": _check_stl}[path.suffix.lower()](path)
+            self._count_corners({".dae": self._check_collada, ".obj": self._check_obj, ".stl": _check_stl}[path.suffix.lower()](path))
         except RobotError as error:
             raise RobotError(f"{uri} {error}") from None
         except OSError as error:
@@ -97,11 +100,20 @@ class MeshFiles:
             raise RobotError(f"with {name} the robot's meshes and textures have more than {MOST_TOGETHER / 1e6:.0f} MB")
         self._bytes += size
 
-    def _check_collada(self, path: Path) -> None:
-        if str(path) in self.textures:
-            return
-        found = scan_collada(path.read_bytes())
-        self.textures[str(path)] = self._pictures(found.pictures, path.parent) if found.well_formed else None
+    def _count_corners(self, corners: int) -> None:
+        if corners > MOST_CORNERS:
+            raise RobotError(f"has {corners} corners of triangles, the most is {MOST_CORNERS}")
+        if self._corners + corners > MOST_CORNERS_TOGETHER:
+            raise RobotError(f"is too much: the robot's meshes have more than {MOST_CORNERS_TOGETHER} corners of triangles")
+        self._corners += corners
+
+    def _check_collada(self, path: Path) -> int:
+        """Its corners; its textures are kept."""
+        if str(path) not in self.textures:
+            found = scan_collada(path.read_bytes())
+            self.textures[str(path)] = self._pictures(found.pictures, path.parent) if found.well_formed else None
+            self._corners_of[str(path)] = found.corners
+        return self._corners_of[str(path)]
 
     def _pictures(self, names: list[str], folder: Path) -> Textures | None:
         """The textures of a file; None if one of them is not to be shown."""
@@ -132,10 +144,11 @@ class MeshFiles:
         self._pixels += width * height
         return f"data:image/{kind.lower()};base64,{base64.b64encode(content).decode()}"
 
-    def _check_obj(self, path: Path) -> None:
-        """Refuse what Assimp would open beside it and is not the robot's own; a library that is missing does no harm."""
+    def _check_obj(self, path: Path) -> int:
+        """Its corners; refuse what Assimp would open beside it and is not the robot's own. A library that is missing does no harm."""
         content = re.sub(rb"\\\r?\n", b" ", path.read_bytes()).translate(_LINE_ENDS)
-        if not _FACE.search(content):
+        corners = sum(len(face.split()) for face in _FACE.findall(content))
+        if not corners:
             raise RobotError("has no faces")
         lines = [line.decode("utf-8", "replace").strip() for line in _LIBRARY.findall(content)]
         names = list(dict.fromkeys((path.with_suffix(".mtl").name, *lines, *(word for line in lines for word in line.split()))))
@@ -147,16 +160,20 @@ class MeshFiles:
                     self._own_file(name, file, path.parent, MOST_OF_A_MESH)
                 except _Missing:
                     continue
+        return corners
 
 
 class _Missing(RobotError):
     """A file that is not there."""
 
 
-def _check_stl(path: Path) -> None:
-    """Its size must be that of the facets that it states, or it must open as one in words does."""
+def _check_stl(path: Path) -> int:
+    """Its corners. Its size must be that of the facets that it states, or it must open as one in words does."""
     with path.open("rb") as file:
         head = file.read(_STL_HEAD)
-    stated = _STL_HEAD + _STL_FACET * int.from_bytes(head[-4:], "little")
-    if (len(head) < _STL_HEAD or stated != path.stat().st_size) and not head.lstrip().lower().startswith(b"solid"):
-        raise RobotError("is no STL: it neither opens with 'solid' nor has the size of the facets that it states")
+        facets = int.from_bytes(head[-4:], "little")
+        if len(head) == _STL_HEAD and path.stat().st_size == _STL_HEAD + _STL_FACET * facets:
+            return 3 * facets
+        if head.lstrip().lower().startswith(b"solid"):
+            return (head + file.read()).count(b"vertex")
+    raise RobotError("is no STL: it neither opens with 'solid' nor has the size of the facets that it states")
