@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -11,7 +12,7 @@ import pytest
 from jinja2 import UndefinedError
 
 from tests.support.paths import ROOT
-from urdfcal.output.templates import filled_template
+from urdfcal.output.templates import content_security_policy, filled_template
 
 EVIL = "</script><b title='x'>&amp;\\"
 
@@ -62,6 +63,29 @@ def test_what_a_template_lacks_is_an_error(package: str) -> None:
     """A name that nothing was given for is no empty text."""
     with pytest.raises(UndefinedError, match="word"):
         filled_template(package, "a.j2")
+
+
+def test_every_page_has_its_policy_before_all_else() -> None:
+    """Every template of a whole page states it behind its encoding, and nothing else in the package writes pages of its own."""
+    pages = [path for path in (ROOT / "urdfcal").rglob("*.j2") if "<html" in path.read_text("utf-8")]
+    assert len(pages) >= 2
+    policy = r'\s*<meta charset="utf-8">\s*<meta http-equiv="Content-Security-Policy" content="\{\{ policy\([^"]*\) \}\}">'
+    for page in pages:
+        assert re.match(policy, page.read_text("utf-8").split("<head>")[1])
+    tag = re.compile(r"<(!doctype|html|head|body|script)\b", re.IGNORECASE)
+    others = [path for path in (ROOT / "urdfcal").rglob("*.py") if tag.search(path.read_text("utf-8"))]
+    assert [path.name for path in others] == ["templates.py"]  # in its docstrings
+
+
+def test_a_policy_allows_its_own_scripts_alone() -> None:
+    """By the hash of what stands between the tags, as `openssl dgst -sha256 -binary | base64` has it; without scripts none."""
+    assert "script-src" not in content_security_policy()
+    assert content_security_policy().startswith("default-src 'none'; ")
+    known = "'sha256-qznLcsROx4GACP2dm0UCKCzCG+HiZ1guq6ZZDob/Tng='"  # of alert('Hello, world.'), the example of the standard
+    assert content_security_policy("alert('Hello, world.');").endswith(f"script-src {known}")
+    assert content_security_policy("a", "b").count("'sha256-") == 2
+    for loophole in ("unsafe-eval", "http", "*", "blob:", "connect-src", "worker-src"):
+        assert loophole not in content_security_policy("a")
 
 
 def test_the_files_of_pages_are_in_the_package() -> None:

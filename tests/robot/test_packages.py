@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from urdfcal.base.errors import RobotError
-from urdfcal.robot.packages import find_package, resolve_uri
+from urdfcal.robot.packages import find_package, is_at_home, resolve_uri
 
 
 @pytest.fixture(autouse=True)
@@ -77,6 +77,47 @@ def test_package_xml_that_cannot_be_read_is_passed_over(tmp_path: Path) -> None:
         (package(tmp_path, f"p{index}") / "package.xml").write_bytes(text)
     place = package(tmp_path, "z", "arm_description")
     assert find_package("arm_description", [tmp_path]) == place
+
+
+def test_package_xml_that_is_no_file_or_huge_is_not_read(tmp_path: Path) -> None:
+    """A pipe would be waited for without end."""
+    os.mkfifo(package(tmp_path, "p0") / "package.xml")
+    (package(tmp_path, "p1") / "package.xml").symlink_to("/dev/zero")
+    with (package(tmp_path, "p2") / "package.xml").open("wb") as file:
+        file.truncate(10**12)
+    place = package(tmp_path, "z", "arm_description")
+    assert find_package("arm_description", [tmp_path]) == place
+
+
+def test_what_is_at_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Below the description's folder and packages where they are looked for; links are followed first, `..` after them."""
+    source, workspace, elsewhere = (tmp_path / name for name in ("robot", "workspace", "elsewhere"))
+    place = package(workspace, "arm_description")
+    for file in (source / "urdf" / "a.stl", place / "b.stl", elsewhere / "sub" / "c.stl", elsewhere / "d.stl"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    (source / "urdf" / "link").symlink_to(elsewhere / "sub")
+    description = source / "urdf" / "arm.urdf"
+    assert is_at_home(source / "urdf" / "a.stl", description)
+    assert is_at_home(place / "b.stl", description, [workspace])
+    assert not is_at_home(place / "b.stl", description)
+    assert not is_at_home(source / "urdf" / "link" / "c.stl", description)
+    (source / "urdf" / "d.stl").touch()
+    assert not is_at_home(source / "urdf" / "link" / ".." / "d.stl", description)  # elsewhere/d.stl to the system
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(workspace))
+    assert is_at_home(place / "b.stl", description)
+    with pytest.raises(OSError, match="none"):
+        is_at_home(source / "none.stl", description)
+
+
+def test_a_package_that_is_a_link_is_told_by_its_name(tmp_path: Path) -> None:
+    """A workspace of links to packages is usual; one to any other folder makes nothing of it the robot's own."""
+    for name, declared in (("arm", "arm"), ("private", None)):
+        (package(tmp_path / "elsewhere", name, declared) / "a.stl").touch()
+        (tmp_path / "workspace").mkdir(exist_ok=True)
+        (tmp_path / "workspace" / name).symlink_to(tmp_path / "elsewhere" / name)
+        found = find_package(name, [tmp_path / "workspace"])
+        assert is_at_home(found / "a.stl", tmp_path / "x" / "arm.urdf", [tmp_path / "workspace"], name) == (declared is not None)
 
 
 def test_a_package_that_is_nowhere_is_refused_with_the_way_out(tmp_path: Path) -> None:

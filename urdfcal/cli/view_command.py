@@ -95,10 +95,13 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
+    from urdfcal.output.view.server import require_address
     from urdfcal.output.view.viewer import view_of
 
     if html is not None and (port is not None or host is not None):
         raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
+    address = (_HOST if host is None else host, _PORT if port is None else port)
+    require_address(*address)
     rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
@@ -110,7 +113,7 @@ def view(
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
-        _serve(seen, _HOST if host is None else host, _PORT if port is None else port, no_open, as_json, quiet)
+        _serve(seen, *address, no_open, as_json, quiet)
         return
     seen.write_html(html)
     size = len(seen.html.encode())

@@ -9,7 +9,9 @@ from xml.etree import ElementTree
 
 from urdfcal.base.errors import RobotError
 
-_DEPTH = 3  # how far below an entry of ROS_PACKAGE_PATH a package.xml is looked for
+_DEPTH = 3  # how far below an entry of ROS_PACKAGE_PATH a package.xml is looked for, and above a description its own
+
+_LARGEST_MANIFEST = 1_000_000  # bytes of a package.xml
 
 
 def find_package(name: str, package_dirs: Sequence[str | Path] = ()) -> Path:
@@ -37,16 +39,58 @@ def resolve_uri(uri: str, package_dirs: Sequence[str | Path] = ()) -> str:
     return str(find_package(package, package_dirs) / rest)
 
 
+def is_at_home(path: Path, description: Path, package_dirs: Sequence[str | Path] = (), package: str = "") -> bool:
+    """Whether a file belongs to a robot or to a package, so that its content may be shown to whom the robot is shown.
+
+    At home is what lies, after all links are followed, below the description's folder or that of its own package, below
+    `package_dirs`, or in a folder where packages are looked for. A workspace may link packages, and installed files to their sources:
+    from there a link may lead to any place of the same package, told by its package.xml.
+
+    Args:
+        path: An absolute path, as it was named; `..` in it is not followed before links are.
+        description: The file that names it.
+        package_dirs: As for `find_package`.
+        package: In which it was found.
+
+    Raises:
+        OSError: the file is not there, or its links go round.
+    """
+    resolved, named = path.resolve(strict=True), Path(os.path.normpath(path))
+    own = (description.resolve().parent, *_own_package(description.resolve().parent))
+    if any(resolved.is_relative_to(folder) for folder in (*own, *_searched(package_dirs))):
+        return True
+    below = [named.relative_to(folder).parts for folder in _installed() if named.is_relative_to(folder)]
+    names = {package, *(parts[0] for parts in below if parts)} - {""}
+    return bool(names) and any(_declared_name(folder) in names for folder in resolved.parents)
+
+
+def _own_package(folder: Path) -> list[Path]:
+    """The package that a folder is, or is in."""
+    above = [folder, *folder.parents][: _DEPTH + 1]
+    return [each for each in above if _declared_name(each) is not None][:1]
+
+
+def _searched(package_dirs: Sequence[str | Path]) -> list[Path]:
+    """All folders in which packages are looked for."""
+    return [folder.resolve() for folder in (*map(Path, package_dirs), *_ros_paths(), *_installed(), _pip_prefix() / "share")]
+
+
+def _ros_paths() -> list[Path]:
+    return [Path(entry) for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
+
+
+def _installed() -> list[Path]:
+    return [Path(prefix) / "share" for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+
+
 def _candidates(name: str, package_dirs: Sequence[str | Path]) -> Iterator[Path]:
-    ros_paths = [entry for entry in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if entry]
-    for folder in (Path(entry) for entry in (*package_dirs, *ros_paths)):
+    for folder in (*map(Path, package_dirs), *_ros_paths()):
         yield folder / name
         if folder.name == name or _declared_name(folder) == name:
             yield folder
         yield from _declared_below(folder, name, _DEPTH)
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        if prefix:
-            yield Path(prefix) / "share" / name
+    for folder in _installed():
+        yield folder / name
     share = _pip_prefix() / "share"
     yield share / name
     yield share / "example-robot-data" / "robots" / name
@@ -66,8 +110,11 @@ def _declared_below(folder: Path, name: str, depth: int) -> Iterator[Path]:
 
 def _declared_name(folder: Path) -> str | None:
     """The name in a folder's package.xml; None where there is none that can be read."""
+    manifest = folder / "package.xml"
     try:
-        text = ElementTree.parse(folder / "package.xml").findtext("name")
+        if not manifest.is_file() or manifest.stat().st_size > _LARGEST_MANIFEST:  # a pipe would be waited for
+            return None
+        text = ElementTree.parse(manifest).findtext("name")
     except (OSError, ElementTree.ParseError, ValueError, LookupError):
         return None
     return text.strip() if text else None

@@ -6,6 +6,8 @@ Where the marks must be is computed here from the measurements and Pinocchio's o
 from __future__ import annotations
 
 import json
+import re
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +20,13 @@ import pytest
 
 from tests.support.browser import Browser, Picture, find_browser
 from tests.support.helpers import ROBOTS, without_meshes
+from tests.support.meshes import showing
 from tests.support.sensor_cases import SensorCase, setup_of
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.output.view.placed import frame_placements
+from urdfcal.output.view.server import PageServer
 from urdfcal.output.view.viewer import View, view_of
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot, robot_from
@@ -312,18 +316,137 @@ def test_a_pose_can_be_chosen_by_its_label(browser: Browser, robots: dict[str, R
     assert complaints(browser) == []
 
 
-def test_labels_of_poses_are_text(browser: Browser, tmp_path: Path) -> None:
-    """One that is written like an element of HTML is shown as it is, in the panel and in meshcat's own controls, and does nothing."""
-    data, corrected = measured(robot_of(URDF), 3)
-    labels = ['<img src="x" onerror="window.hit = 1">', "a &amp; b", "</script>"]
-    view_of(robot_of(URDF), replace(data, poses=np.array(labels)), corrected).write_html(tmp_path / "labels.html")
+EVIL = [
+    "<img src=x onerror=document.title='PWN'>",
+    "a &amp; b",
+    "</script><script>document.title='PWN'</script>",
+    "'\"><svg onload=alert(1)>",
+]
+
+
+@pytest.mark.parametrize("sensor", ["spots", "point"])
+def test_labels_of_poses_are_text(browser: Browser, robots: dict[str, Robot], sensor: str, tmp_path: Path) -> None:
+    """Of lasers and trackers: one that is written like an element of HTML is shown as it is, in the panel and meshcat's own controls."""
+    view = named_by(robots, sensor, EVIL)
+    view.write_html(tmp_path / "labels.html")
     browser.open(tmp_path / "labels.html")
     for chooser in ("document.getElementById('pose')", "config.own.__select"):
-        assert browser.run(f"[...{chooser}.options].map(option => option.textContent)") == labels
-    browser.run("document.getElementById('next').click()")
-    assert browser.run("config.own.__select.selectedOptions[0].textContent") == labels[1]
-    assert browser.run("window.hit") is None
+        assert browser.run(f"[...{chooser}.options].map(option => option.textContent)") == EVIL
+        assert browser.run(f"{chooser}.querySelectorAll('img, svg, script').length") == 0
+    browser.run("viewer.gui.open(); config.own.__select.dispatchEvent(new Event('change'))")
+    for label in EVIL[1:] + EVIL[:1]:
+        browser.run("document.getElementById('next').click()")
+        assert browser.run("config.own.__select.selectedOptions[0].textContent") == label
+    assert browser.run("document.title") == f"{view.scene.robot.name} - urdfcal view"
     assert complaints(browser) == []
+
+
+def named_by(robots: dict[str, Robot], sensor: str, labels: list[str]) -> View:
+    """A few poses of spots, or of a tracker's points, with these labels."""
+    if sensor == "spots":
+        data, corrected = measured(robot_of(URDF), len(labels))
+        return view_of(robot_of(URDF), replace(data, poses=np.array(labels)), corrected)
+    rng = np.random.default_rng(1)
+    setup = setup_of(SensorCase("ur5", ("point:tool0",)), {"ur5": without_meshes(robots["ur5"])}, rng)
+    data = simulate_readings(setup, len(labels), rng)
+    return view_of(setup.robot, replace(data, poses=np.array(labels)))
+
+
+@pytest.mark.parametrize(
+    "smuggled",
+    [
+        "<script>document.title = 'PWN'</script>",
+        "<img src=x onerror=\"document.title = 'PWN'\">",
+        "<svg onload=\"document.title = 'PWN'\"></svg>",
+        '<iframe srcdoc="<script>parent.document.title = 1</script>"></iframe>',
+        '<script src="data:text/javascript,document.title=1"></script>',
+    ],
+)
+def test_what_is_smuggled_into_the_page_does_not_run(browser: Browser, arm7_page: Path, smuggled: str, tmp_path: Path) -> None:
+    """The page's policy is a second wall: its own scripts draw the scene all the same."""
+    page = arm7_page.read_text("utf-8").replace('<div id="trouble">', smuggled + '<div id="trouble">', 1)
+    (tmp_path / "smuggled.html").write_text(page, "utf-8")
+    browser.open(tmp_path / "smuggled.html")
+    assert browser.run("document.title") == "arm7 - urdfcal view"
+    assert any("Content Security Policy" in line for line in browser.console)
+    assert coloured(browser.picture(), MEASURED).sum() > 50
+
+
+def test_the_page_reaches_no_network(browser: Browser, arm7_page: Path) -> None:
+    """Not even its own scripts do: neither requests, nor sockets, pictures, styles, workers or forms."""
+    with PageServer(b"x", port=0) as other:
+        open_fresh(browser, arm7_page)
+        for attempt in (
+            f"fetch('{other.url}').then(() => done('out'), () => done('kept'))",
+            f"const p = new Image(); p.onload = () => done('out'); p.onerror = () => done('kept'); p.src = '{other.url}p.png'",
+            f"const s = new WebSocket('{other.url}'.replace('http', 'ws')); s.onopen = () => done('out'); s.onerror = () => done('kept')",
+            "const w = new Worker(URL.createObjectURL(new Blob(['postMessage(1)'])));"
+            " w.onmessage = () => done('out'); w.onerror = () => done('kept')",
+        ):
+            browser.run("window.refused = 0; document.addEventListener('securitypolicyviolation', () => { window.refused++; })")
+            guarded = f"new Promise(done => {{ try {{ {attempt} }} catch (error) {{ done('kept'); }} }})"
+            assert browser.run(guarded) == "kept"
+            assert browser.wait_for("window.refused")
+
+
+def test_the_page_is_drawn_in_a_notebooks_frame(browser: Browser, arm7_view: View, tmp_path: Path) -> None:
+    """The frame keeps it from the notebook around it, and it is drawn all the same."""
+    (tmp_path / "cell.html").write_text(f"<!DOCTYPE html><body>{arm7_view._repr_html_()}</body>", "utf-8")
+    browser.open(tmp_path / "cell.html", ready="Number(document.readyState === 'complete')")
+    end = time.monotonic() + browser.patience
+    while coloured(browser.picture(), MEASURED).sum() < 50:
+        assert time.monotonic() < end, browser.console
+
+
+@pytest.mark.parametrize(("element", "content"), [("urdfcal-config", '{"poses": NaN}'), ("urdfcal-scene", "AAAA"), ("urdfcal-config", "")])
+def test_a_page_that_cannot_be_drawn_says_so(browser: Browser, arm7_page: Path, element: str, content: str, tmp_path: Path) -> None:
+    """What is wrong with its numbers or its scene stands in the middle, instead of nothing."""
+    page = re.sub(rf'(id="{element}">)[^<]*<', rf"\g<1>{content}<", arm7_page.read_text("utf-8"), count=1)
+    (tmp_path / "broken.html").write_text(page, "utf-8")
+    browser.open(tmp_path / "broken.html", ready="Number(document.getElementById('trouble')?.style.display === 'block')")
+    assert browser.run("document.getElementById('trouble').textContent").startswith("This scene cannot be shown: ")
+
+
+def test_textures_are_drawn(browser: Browser, tmp_path: Path) -> None:
+    """A Collada file with its picture has the picture's colours, under the policy that lets no other in."""
+    text = collada_square()
+    cv2.imwrite(str(tmp_path / "t.png"), np.full((8, 8, 3), (40, 200, 20), np.uint8))
+    (tmp_path / "a.dae").write_text(text)
+    view_of(showing("a.dae", tmp_path)).write_html(tmp_path / "texture.html")
+    browser.open(tmp_path / "texture.html")
+    browser.run("new Promise(done => setTimeout(done, 300))")
+    browser.run("viewer.set_dirty()")
+    picture = browser.picture().astype(int)
+    green = (picture[..., 1] > 90) & (picture[..., 1] > 2 * picture[..., 0]) & (picture[..., 1] > 2 * picture[..., 2])
+    assert green.sum() > 500
+    assert complaints(browser) == []
+
+
+def collada_square() -> str:
+    """A square of half a metre, seen from both sides, with a picture on it."""
+    points = "-0.5 -0.5 0 0.5 -0.5 0 0.5 0.5 0 -0.5 0.5 0"
+    source = (
+        '<source id="{0}"><float_array id="{0}a" count="{1}">{2}</float_array><technique_common><accessor source="#{0}a" count="4" '
+        'stride="{3}">{4}</accessor></technique_common></source>'
+    )
+    floats = ["".join(f'<param name="{name}" type="float"/>' for name in names) for names in ("XYZ", "ST")]
+    sources = source.format("p", 12, points, 3, floats[0]) + source.format("t", 8, "0 0 1 0 1 1 0 1", 2, floats[1])
+    corners = " ".join(f"{k} {k}" for k in (0, 1, 2, 0, 2, 3, 2, 1, 0, 3, 2, 0))
+    return (
+        '<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset/>'
+        '<library_images><image id="i"><init_from>t.png</init_from></image></library_images>'
+        '<library_effects><effect id="e"><profile_COMMON><newparam sid="s"><surface type="2D"><init_from>i</init_from></surface></newparam>'
+        '<newparam sid="n"><sampler2D><source>s</source></sampler2D></newparam><technique sid="c"><lambert><diffuse>'
+        '<texture texture="n" texcoord="U"/></diffuse></lambert></technique></profile_COMMON></effect></library_effects>'
+        '<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>'
+        f'<library_geometries><geometry id="g"><mesh>{sources}<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>'
+        '<triangles count="4" material="k"><input semantic="VERTEX" source="#v" offset="0"/>'
+        f'<input semantic="TEXCOORD" source="#t" offset="1" set="0"/><p>{corners}</p></triangles></mesh></geometry></library_geometries>'
+        '<library_visual_scenes><visual_scene id="w"><node><instance_geometry url="#g"><bind_material><technique_common>'
+        '<instance_material symbol="k" target="#m"><bind_vertex_input semantic="U" input_semantic="TEXCOORD" input_set="0"/>'
+        "</instance_material></technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>"
+        '<scene><instance_visual_scene url="#w"/></scene></COLLADA>'
+    )
 
 
 def test_a_beam_that_misses_is_dashed(browser: Browser, tmp_path: Path) -> None:

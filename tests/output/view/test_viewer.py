@@ -298,10 +298,11 @@ def test_names_from_files_do_not_become_html() -> None:
 
 
 def test_in_a_notebook_the_view_is_an_inline_frame(small_view: View) -> None:
-    """The last line of a cell shows the page; its quotes are escaped."""
+    """The last line of a cell shows the page, which cannot reach the notebook; its quotes are escaped."""
     frame = small_view._repr_html_()
     assert frame.startswith("<iframe ")
-    assert frame.count('"') == 6
+    assert ' sandbox="allow-scripts" ' in frame
+    assert frame.count('"') == 8
 
 
 def test_a_view_is_a_line_where_it_is_printed(small_view: View) -> None:
@@ -426,6 +427,7 @@ def test_the_command_writes_the_page(run_cli: Run, tmp_path: Path) -> None:
         (["--calibrated", "none.yaml", "--html", "v.html"], "none.yaml: cannot be read"),
         (["--calibrated", "none.urdf", "--html", "v.html"], "none.urdf: cannot be read"),
         (["--port", "99999"], "--port 99999"),
+        (["--host", ""], "--host: expected an address, found nothing"),
         (["--port", "8000", "--html", "v.html"], "--port and --host are about serving"),
         (["--host", "127.0.0.1", "--html", "v.html"], "--port and --host are about serving"),
     ],

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
 from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks
+from urdfcal.output.view.mesh_files import Textures
 from urdfcal.output.view.meshes import on_screen
 from urdfcal.output.view.motion import draw_motion
 from urdfcal.output.view.placed import frame_placements, screen_placements
-from urdfcal.output.view.recorder import VIEWER_SCRIPT, MeshcatVisualizer, Recorder, loadMesh
+from urdfcal.output.view.recorder import VIEWER_SCRIPT, ColladaMesh, MeshcatVisualizer, Recorder, loadMesh
 from urdfcal.output.view.scene import Frame, Scene
 from urdfcal.output.view.screen import Sheet, draw_all_beams, draw_pose_beams, draw_sheet
 from urdfcal.output.view.shapes import Shapes
@@ -27,6 +31,7 @@ from urdfcal.robot.robot import Robot
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
 _GHOST_OPACITY = 0.3
+_FARTHEST = 1e5  # [m] from the root
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
 
 _AZIMUTHS = tuple(angle * DEG for angle in (-60, -50, -40, -30, 30, 40, 50, 60))  # from the screen's normal
@@ -60,6 +65,7 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
     for light, intensity in _LIGHTS.items():
         tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
     robot = _Display(scene.solid.model, None, shapes.model)
+    robot.textures = shapes.textures
     robot.initViewer(viewer=tab)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
@@ -90,15 +96,23 @@ def _draw_screen(node: Any, scene: Scene) -> None:
 
 
 class _Display(MeshcatVisualizer):  # type: ignore[misc]
-    """Pinocchio's display, which leaves out a Collada mesh whose texture is missing; here it is drawn without colours."""
+    """Pinocchio's display, which would put whatever a Collada file names as its texture into the page; here only what was looked at.
+
+    A mesh without its textures is drawn without colours.
+    """
+
+    textures: Mapping[str, Textures | None]
 
     def loadMeshFromFile(self, geometry_object: Any) -> Any:
-        try:
+        path = Path(geometry_object.meshPath)
+        if path.suffix.lower() != ".dae":
             return super().loadMeshFromFile(geometry_object)
-        except (UserWarning, OSError, ValueError, SyntaxError):  # SyntaxError: XML that is not well-formed
-            mesh = loadMesh(geometry_object.geometry)
-            mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
-            return mesh
+        own = self.textures.get(str(path))
+        if own is not None:
+            return ColladaMesh(path.read_text("utf-8", errors="replace"), dict(own))
+        mesh = loadMesh(geometry_object.geometry)
+        mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
+        return mesh
 
 
 def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
@@ -112,6 +126,7 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
     every = whole_configurations(scene.solid, scene.data.q[rows])
     robot = shapes.corners(scene.solid, whole[0])
+    _require_near(scene, robot)
     targets = _targets_in_root(scene, rows, every)
     if "screen" in scene.groups:
         normal, seen, spots = _screen_in_root(scene, rows, every)
@@ -121,6 +136,14 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
     direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
     return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _require_near(scene: Scene, corners: Matrix) -> None:
+    if not (np.abs(corners) < _FARTHEST).all():
+        raise RobotError(
+            f"the robot reaches beyond {_FARTHEST / 1e3:g} km, and cannot be drawn; expected origins of joints in metres",
+            scene.solid.description.label,
+        )
 
 
 def _screen_in_root(scene: Scene, rows: Rows, every: Matrix) -> tuple[Vector, list[Matrix], Matrix]:

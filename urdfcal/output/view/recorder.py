@@ -13,6 +13,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)
     import meshcat.geometry as mg
@@ -20,12 +22,23 @@ with warnings.catch_warnings():
     from meshcat.servers.zmqserver import VIEWER_ROOT
     from meshcat.visualizer import Visualizer
     from pinocchio.visualize import MeshcatVisualizer
-    from pinocchio.visualize.meshcat_visualizer import Plane, loadMesh
+    from pinocchio.visualize.meshcat_visualizer import DaeMeshGeometry, Plane, loadMesh
 
-__all__ = ["VIEWER_SCRIPT", "MeshcatVisualizer", "Plane", "Recorder", "loadMesh", "mg", "umsgpack"]
+__all__ = ["VIEWER_SCRIPT", "ColladaMesh", "MeshcatVisualizer", "Plane", "Recorder", "loadMesh", "mg", "umsgpack"]
 
 VIEWER_SCRIPT = Path(VIEWER_ROOT) / "main.min.js"
 _REFERENCES = {"uuid", "geometry", "material", "map", "image"}
+
+
+class ColladaMesh(DaeMeshGeometry):  # type: ignore[misc]
+    """A Collada file and its textures, as Pinocchio's display sends it; nothing is read here."""
+
+    def __init__(self, text: str, textures: dict[str, str]) -> None:
+        """Keep the file's text, and its textures as data: URIs by the names that they have in it."""
+        mg.ReferenceSceneElement.__init__(self)
+        self.path = self.material = None
+        self.intrinsic_transform = np.eye(4)
+        self.dae_raw, self.img_resources = text, textures
 
 
 class Recorder:

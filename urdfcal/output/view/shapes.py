@@ -1,11 +1,13 @@
 """What a robot looks like: its visual meshes, found without ROS, and simple shapes where there are none.
 
-A link whose mesh cannot be found, and every link of a robot that has no visual shapes at all, is drawn by a cylinder about each
-of its joints and a capsule towards each joint that it carries. The sheet of the screen is left out: the viewer draws its own.
+A link whose mesh cannot be found or is not to be shown, and every link of a robot that has no visual shapes at all, is drawn by a
+cylinder about each of its joints and a capsule towards each joint that it carries. The sheet of the screen is left out: the viewer
+draws its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,14 +18,14 @@ from lxml import etree
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
-from urdfcal.robot.description import Description
-from urdfcal.robot.packages import resolve_uri
+from urdfcal.output.view.mesh_files import MeshFiles, Textures
+from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, size_fault
 from urdfcal.robot.pinocchio_model import native_stderr, without_its_source
 from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
-_READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
+_Reasons = dict[str, list[str]]  # why something is not shown, by what is said of its kind
 _BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
 _LONGEST_RAIL = 5.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
 _SLENDER = 0.03  # radius of a simple shape over the reach of the arm
@@ -39,7 +41,8 @@ class Shapes:
         links: The link that each shape belongs to.
         T_link_shape: Its placement in that link.
         simple: Links that are drawn by simple shapes.
-        warnings: Meshes that were not found.
+        warnings: What is not shown as the description has it, one for each kind.
+        textures: The pictures of each Collada file, by its path; None where it is drawn without colours.
     """
 
     model: Any
@@ -47,6 +50,7 @@ class Shapes:
     T_link_shape: tuple[SE3, ...]
     simple: tuple[str, ...]
     warnings: tuple[str, ...]
+    textures: Mapping[str, Textures | None]
 
     def on(self, robot: Robot) -> Any:
         """The same shapes on another robot with these links: each stands in its link's frame as before."""
@@ -76,21 +80,53 @@ def robot_shapes(robot: Robot) -> Shapes:
 
     Meshes are looked for as `$(find pkg)` is, or beside the description; one that is missing is warned of and replaced.
     """
-    root = read_xml(robot.description.text)
-    bare, missing = _resolve_meshes(root, robot)
-    warnings = [f"{len(missing)} meshes are drawn as simple shapes, the first because {missing[0]}"] if missing else []
+    root, files = read_xml(robot.description.text), MeshFiles(robot.description)
+    _remove_sheet(root, robot)
+    grey = grey_where_no_colour(root)
+    bare, reasons = _only_drawable(root, files)
+    unreadable = ""
     try:
-        model = _from_urdf(robot, root)
+        model, unread = _readable(robot, root, reasons)
+        bare |= unread | _without_endless(robot, model, reasons)
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
-        warnings = [f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"]
+        unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
     rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
     frames = [robot.model.frames[shape.parentFrame] for shape in model.geometryObjects]
     own = tuple(frame.placement.actInv(shape.placement) for frame, shape in zip(frames, model.geometryObjects, strict=True))
-    return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), tuple(warnings))
+    reasons = {**reasons, "meshes are drawn without colours": files.refused_textures}
+    warnings = (unreadable,) if unreadable else _said(reasons, grey)
+    return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), warnings, files.textures)
+
+
+def _said(reasons: _Reasons, grey: int) -> tuple[str, ...]:
+    """One line for each kind of what is not shown."""
+    lines = [f"{len(all_of_it)} {kind}, the first because {all_of_it[0]}" for kind, all_of_it in reasons.items() if all_of_it]
+    return (*lines, *([f"{grey} colours are drawn grey: an rgba is four numbers from 0 to 1"] if grey else []))
+
+
+def _remove_sheet(root: etree._Element, robot: Robot) -> None:
+    for link in root.findall("link"):
+        for visual in link.findall("visual") if link.get("name") == _sheet(robot) else ():
+            link.remove(visual)
+
+
+def _without_endless(robot: Robot, model: Any, reasons: _Reasons) -> set[str]:
+    """Take out meshes with corners that are no numbers or too far away, and give their links back."""
+    import coal
+
+    bare: set[str] = set()
+    for shape in [each for each in model.geometryObjects if isinstance(each.geometry, coal.BVHModelBase)]:
+        corners = shape.geometry.vertices()
+        if not (np.abs(corners) < LARGEST).all():
+            link = robot.model.frames[shape.parentFrame].name
+            bare.add(link)
+            reasons["shapes are left out"].append(f"link '{link}': its mesh has corners that are no numbers or beyond {LARGEST:g} m")
+            model.removeGeometryObject(shape.name)
+    return bare
 
 
 def _sheet(robot: Robot) -> str:
@@ -102,43 +138,58 @@ def _sheet(robot: Robot) -> str:
     return robot.rig.base if robot.rig.lasers else robot.screen or default
 
 
-def _resolve_meshes(root: etree._Element, robot: Robot) -> tuple[set[str], list[str]]:
-    """Name every mesh by its file; visuals whose mesh cannot be shown go, and their links are given back, with the reasons."""
+def _only_drawable(root: etree._Element, files: MeshFiles) -> tuple[set[str], _Reasons]:
+    """Name every mesh by its file; visuals that cannot be shown go, and their links are given back, with the reasons by kind."""
     bare: set[str] = set()
-    missing: list[str] = []
+    reasons: _Reasons = {"meshes are drawn as simple shapes": [], "shapes are left out": []}
     for link in root.findall("link"):
         name = link.get("name", "")
         for visual in link.findall("visual"):
             mesh = visual.find("geometry/mesh")
-            if name == _sheet(robot):
+            try:
+                if fault := size_fault(visual):
+                    raise RobotError(f"link '{name}': {fault}")
+                if mesh is not None:
+                    mesh.set("filename", str(files.find(mesh.get("filename", ""))))
+            except RobotError as error:
                 link.remove(visual)
-            elif mesh is not None:
-                try:
-                    mesh.set("filename", str(_mesh_file(mesh.get("filename", ""), robot.description)))
-                except RobotError as error:
-                    link.remove(visual)
-                    bare.add(name)
-                    missing.append(str(error))
+                bare.add(name)
+                reasons["shapes are left out" if fault else "meshes are drawn as simple shapes"].append(str(error))
         for collision in link.findall("collision"):
             link.remove(collision)
-    return bare, missing
-
-
-def _mesh_file(uri: str, description: Description) -> Path:
-    if not uri:
-        raise RobotError("a <mesh> has no filename")
-    path = Path(resolve_uri(uri, description.package_dirs).removeprefix("file://"))
-    path = path if path.is_absolute() else description.path.parent / path
-    if not path.is_file():
-        raise RobotError(f"{uri} was not found; name the folder that holds its package with --package-dir")
-    if path.suffix.lower() not in _READABLE:
-        raise RobotError(f"{uri} is none of {', '.join(_READABLE)}")
-    return path.resolve()
+    return bare, reasons
 
 
 def _from_urdf(robot: Robot, root: etree._Element) -> Any:
     with native_stderr():  # of shapes that it passes over, and simple ones stand for
         return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
+
+
+def _readable(robot: Robot, root: etree._Element, reasons: _Reasons) -> tuple[Any, set[str]]:
+    """The shapes that can be read, and the links of the others, whose meshes one after the other is then asked."""
+    try:
+        return _from_urdf(robot, root), set()
+    except (ValueError, RuntimeError):
+        bare = _remove_unreadable(root, reasons)
+        return _from_urdf(robot, root), bare
+
+
+def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
+    import coal
+
+    bare: set[str] = set()
+    for link in root.findall("link"):
+        for visual, mesh in [(each, mesh) for each in link.findall("visual") for mesh in each.findall("geometry/mesh")]:
+            path = Path(mesh.get("filename", ""))
+            try:
+                with native_stderr():
+                    coal.MeshLoader().load(str(path), np.ones(3))
+            except (ValueError, RuntimeError) as error:
+                link.remove(visual)
+                bare.add(link.get("name", ""))
+                why = without_its_source(str(error)).removesuffix("Hint: the mesh directory may be wrong.")
+                reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
+    return bare
 
 
 def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:

@@ -72,9 +72,9 @@ class View:
         return f"<{type(self).__name__} of {self.scene.robot.name}, {robots}: {poses}; .serve() or .write_html(FILE) to look at it>"
 
     def _repr_html_(self) -> str:
-        """In a notebook."""
+        """In a notebook, whose own scripts and files the page cannot reach."""
         frame = "width: 100%; height: 640px; border: 1px solid #d5dade; border-radius: 6px"
-        return f'<iframe title="urdfcal view" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
+        return f'<iframe title="urdfcal view" sandbox="allow-scripts" style="{frame}" srcdoc="{escape(self.html)}"></iframe>'
 
 
 def view_of(

@@ -9,7 +9,6 @@ function layers() {
   }
 }
 
-const animator = viewer.animator, poses = config.poses;
 let row = -1;
 function tell() {  // which pose is shown, and how far its spots are off
   const now = Math.min(Math.max(Math.round(animator.time), 1), poses.length) - 1;

@@ -1,8 +1,15 @@
 "use strict";
-const config = JSON.parse(document.getElementById("urdfcal-config").textContent);
 const pane = document.getElementById("meshcat-pane"), panel = document.getElementById("panel");
-const viewer = new MeshCat.Viewer(pane), THREE = MeshCat.THREE;
 const path = name => ["meshcat", ...name.split("/")];
+let config, poses, viewer, animator, THREE;
+
+function begin() {  // inside the promise of start.js, which shows what goes wrong
+  config = JSON.parse(document.getElementById("urdfcal-config").textContent);
+  poses = config.poses;
+  THREE = MeshCat.THREE;
+  viewer = new MeshCat.Viewer(pane);
+  animator = viewer.animator;
+}
 
 async function load() {
   const {log, warn} = console;  // the Collada reader tells the version of every file, and of nodes that it leaves out

@@ -1,14 +1,20 @@
-document.getElementById("fold").addEventListener("click", () => { panel.classList.toggle("folded"); if (!touched) lookAtAll(); });
-pane.addEventListener("pointerdown", () => { touched = true; });
-pane.addEventListener("wheel", () => { touched = true; });
-window.addEventListener("resize", () => { if (!touched) lookAtAll(); });
-if (pane.clientWidth < 700) panel.classList.add("folded");
+function follow() {  // the window and what is pressed
+  document.getElementById("fold").addEventListener("click", () => { panel.classList.toggle("folded"); if (!touched) lookAtAll(); });
+  pane.addEventListener("pointerdown", () => { touched = true; });
+  pane.addEventListener("wheel", () => { touched = true; });
+  window.addEventListener("resize", () => { if (!touched) lookAtAll(); });
+  if (pane.clientWidth < 700) panel.classList.add("folded");
+}
 
-load().then(() => {
+async function start() {
+  begin(); follow();
+  await load();
   copyGhost(); orderBeams(); layers(); controls(); viewer.set_3d_pane_size(); lookAtAll(); tell();
   (function watch() { tell(); requestAnimationFrame(watch); })();
   requestAnimationFrame(() => requestAnimationFrame(() => { document.documentElement.dataset.ready = performance.now().toFixed(0); }));
-}).catch(error => {
+}
+
+start().catch(error => {
   const box = document.getElementById("trouble");
   box.style.display = "block";
   box.textContent = "This scene cannot be shown: " + error + ". A browser of 2023 or newer with WebGL is needed.";
