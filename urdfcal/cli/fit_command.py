@@ -266,7 +266,8 @@ def fit(
     warn(cautions, quiet)
     write_together(files)
     if as_json:
-        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": sag_json(bent, outputs.compensation in files) if bent else None}
+        bending_told = sag_json(bent, outputs.compensation in files) if bent else None
+        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
         show(calibration_json(calibration) | extra.machine() | written, [])
     else:
         bending = sag_blocks(bent, str(compensation or "")) if bent else []

@@ -61,9 +61,8 @@ class Outputs:
         if self.compensation is None:
             return ""
         pair, alone = self.places["compensated_urdf"], self.plan.places.get("urdf")
-        return (
-            f"{pair} belongs to {self.compensation}: use the two together, and neither with another file"
-            + (f"; {alone} is geometry alone and stands by itself" if alone is not None else "")
+        return f"{pair} belongs to {self.compensation}: use the two together, and neither with another file" + (
+            f"; {alone} is geometry alone and stands by itself" if alone is not None else ""
         )
 
     def require_free(self, stated: Path | None) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 from urdfcal.base.geometry import Matrix, Vector
 
 _MOST = 20  # directions of a space
-_EXACT = 0.1  # share of the gradient that may be left outside of the space; less, the closer to rest
+_EXACT = 0.01  # share of the gradient that may be left outside of the space; less, the closer to rest
 _SMALL = 1e-3  # [sigmas] and
 _SMALL_STATE = 1e-5  # [m] and [rad]: steps of the differences
 _NOTHING = 1e-10  # share of the first direction under which a further one is rounding
@@ -62,11 +62,11 @@ class Valley:
         Returns:
             None where no gradient can be had nearby.
         """
-        length = float(np.sqrt(max(g @ P @ g, 0.0)))
+        length = max(float(g @ P @ g), 0.0) ** 0.5
         if not length > 0:
             return None
         duals, Z, HZ = [g / length], [P @ g / length], []
-        least = min(_EXACT, np.sqrt(length)) * length
+        least = min(_EXACT, length**0.5) * length
         while True:
             product = _product(x, g, Z[-1], gradient)
             if product is None:
@@ -75,7 +75,7 @@ class Valley:
             T = np.array(Z) @ np.array(HZ).T
             rest = product - np.array(duals).T @ (np.array(Z) @ product)
             rest -= np.array(duals).T @ (np.array(Z) @ rest)
-            size = float(np.sqrt(max(rest @ P @ rest, 0.0)))
+            size = max(float(rest @ P @ rest), 0.0) ** 0.5
             valley = Valley(np.array(Z).T, np.append(length, np.zeros(len(Z) - 1)), *np.linalg.eigh((T + T.T) / 2))
             if size * abs(valley.within(radius)[-1]) < least or size < _NOTHING or len(Z) == min(_MOST, len(x)):
                 return valley

@@ -329,12 +329,12 @@ def test_one_placement_is_of_a_stack_with_payload_and_approach(robots: dict[str,
     np.testing.assert_allclose(compensation.placement(q[1], link, 2.0, moves[1]).homogeneous, stacked[1], atol=1e-14)
     assert np.abs(stacked - compensation.placement(q, link)).max() > 1e-6
     assert compensation.placement(q[:0], link).shape == (0, 4, 4)
-    with pytest.raises(urdfcal.UsageError, match="no link 'tool9'|no link named 'tool9'"):
+    with pytest.raises(urdfcal.UsageError, match=r"no link.* 'tool9'"):
         compensation.placement(q, "tool9")
 
 
 def test_what_joint_positions_cannot_make_up_for_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
-    """The distances over the joints' range are those between Pinocchio at corrected positions and the fit's model, in order and in words."""
+    """The distances over the joints' range are those between Pinocchio at corrected positions and where the arm is."""
     compensation = soft_arm("ur5", robots, rng, 2.0)
     found = compensation.shortfall(np.random.default_rng(4))
     lower, upper = joint_limits(compensation.robot)

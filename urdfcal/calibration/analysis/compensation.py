@@ -78,8 +78,8 @@ class Shortfall:
         """One line."""
         median, p95, worst = (f"{value:.3f}" for value in self.in_mm().values())
         return (
-            f"corrected joint positions leave {self.link} {median} mm (median), {p95} mm (95 %), {worst} mm (worst) from where the arm "
-            f"is, over the joints' range (the uncorrected ones {self.sag / MM:.3f} mm, median); compensation.placement(q, link) leaves nothing"
+            f"corrected joint positions leave {self.link} {median} mm (median), {p95} mm (95 %) and {worst} mm (worst) from where the arm "
+            f"is, over the joints' range; uncorrected ones {self.sag / MM:.3f} mm (median), compensation.placement(q, '{self.link}') none"
         )
 
 
