@@ -408,7 +408,7 @@ class _First:
     Attributes:
         method: Which estimator, and where it begins.
         model: Of all measurements.
-        x: Where beams are looked at if the fit cannot take a step, (p,).
+        x: Where beams are looked at if the fit cannot take a step, or none that is any better, (p,).
         prior: Before the data.
         found: The fit.
         message: What had to be done for it, in words.
@@ -431,7 +431,7 @@ class _First:
             clean = fit_without_outliers(self.method, self.model, self.prior, noise, self.found, judge)
         else:
             clean = CleanFit(self.model, self.found, self.model.data)
-        if len(clean.estimate.history) == 1:
+        if len(clean.estimate.history) == 1 or clean.estimate.stop == "stalled":
             require_beams_on_screen(self.model, self.x)
         return clean
 

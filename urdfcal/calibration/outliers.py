@@ -25,8 +25,10 @@ from urdfcal.estimation.robust import Observations, gate, gross_outliers, inlier
 from urdfcal.model.gravity import Gravity
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.registry import WORDS
 from urdfcal.sensors.sensor import MAIN_UNIT, UNITS
 
+_MOST_GIVEN = 100.0  # times the usual noise that no joint gives way by
 _NEAR = 5.0  # [sigmas] how close to the other's place a spot must lie to have been read for it
 
 
@@ -142,7 +144,16 @@ def fit_without_outliers(
 
 
 def _judged_by_more(judge: Judge, apart: _Apart, model: Problem, prior: Belief, noise: Noise) -> _Apart:
-    """The same once models were asked that have more in them than geometry."""
+    """The same once models were asked that have more in them than geometry.
+
+    None is asked where the fit found no rest, or readings scatter as no joint gives way: that is a mistake somewhere, and is refused.
+    """
+    found = apart.estimate.noise
+    scatter = np.where(found.stated, 0.0, found.sigma) / [
+        WORDS[kind].size * min(WORDS[kind].most, _MOST_GIVEN) for kind in model.data.kinds
+    ]
+    if not apart.estimate.converged or np.any(scatter > 1):
+        return apart
     judged = judged_by_more(Explained(model, apart.estimate, apart.kept), judge.robot, noise, judge.gravity)
     if not judged.names:
         return apart

@@ -37,6 +37,7 @@ _SURELY = 3.0  # sigmas of a prior that was stated wider than that
 _MOST_WANDER = 3 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
+_NAMED = 2  # parameters that a fit that gives up names
 _LARGE = 10.0  # times the usual noise, beyond which it is no noise
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
 
@@ -175,7 +176,7 @@ class FitResult:
     def rejection(self) -> str:
         """Why the result must not be trusted, or the empty string."""
         if not self.converged:
-            return f"the fit did not converge: {self.stop_reason}"
+            return f"the fit did not converge: {self.stop_reason}{self._still_moving}"
         if self._moved:
             return f"{self._moved}, and no robot is made so; check the URDF, units and signs of joints and readings, and the axes measured"
         if self._scattered:
@@ -191,6 +192,19 @@ class FitResult:
     def noise_for(self, data: Measurements) -> Noise:
         """The noise that was assumed at the end, for the kinds of readings that another set has."""
         return noise_for(self.estimate.noise, self.kinds, data)
+
+    @property
+    def _still_moving(self) -> str:
+        """What a fit that gave up on its way was about to move most, and the way out; the empty string for other reasons to stop."""
+        if self.estimate.stop not in ("max_sweeps", "stalled"):
+            return ""
+        history = self.estimate.history
+        moved = np.abs(history[-1].x - history[-2].x) / self.sigma if len(history) > 1 else np.zeros(len(self.sigma))
+        names = [self.errors.names[index] for index in np.argsort(-moved, kind="stable")[:_NAMED] if moved[index] > 0]
+        what = f", {' and '.join(names)} moving most" if names else ""
+        return f"{what}; hold what the data cannot tell (--fix), narrow its priors, or measure joints over more of their range" + (
+            "; --max-sweeps allows more" if self.estimate.stop == "max_sweeps" else ""
+        )
 
     def noise_of(self, kind: str) -> float | None:
         """Standard deviation that was assumed of a kind of reading at the end, [m], [rad] or [px]; None where there was none of it."""

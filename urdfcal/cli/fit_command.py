@@ -266,11 +266,14 @@ def fit(
     warn(cautions, quiet)
     write_together(files)
     if as_json:
-        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": sag_json(bent) if bent else None}
+        bending_told = sag_json(bent, outputs.compensation in files) if bent else None
+        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
         show(calibration_json(calibration) | extra.machine() | written, [])
     else:
         bending = sag_blocks(bent, str(compensation or "")) if bent else []
         show(None, [*calibration_blocks(calibration, extra.accuracy()), *extra.blocks(), *bending])
     say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
+    if outputs.compensation in files:
+        say(not as_json, outputs.pair_words, sys.stdout)
     if verdict.use == "no":
         raise typer.Exit(FitRejected.exit_code)

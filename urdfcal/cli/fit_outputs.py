@@ -55,6 +55,16 @@ class Outputs:
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
         )
 
+    @property
+    def pair_words(self) -> str:
+        """Which URDF belongs to which file; the empty string where no compensation is written."""
+        if self.compensation is None:
+            return ""
+        pair, alone = self.places["compensated_urdf"], self.plan.places.get("urdf")
+        return f"{pair} belongs to {self.compensation}: use the two together, and neither with another file" + (
+            f"; {alone} is geometry alone and stands by itself" if alone is not None else ""
+        )
+
     def require_free(self, stated: Path | None) -> None:
         """Refuse to replace what urdfcal has not written, under names that nobody stated; a URDF has its robot's bytes, and no mark.
 

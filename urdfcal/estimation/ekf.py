@@ -6,7 +6,8 @@
 
 `paper` sweeps the whole pose set again and again with Q and R until the state stands still. `iterated` uses the data once: it
 relinearises the one update of the prior until it reproduces itself, which is the maximum a posteriori estimate, and its
-covariance counts every measurement once.
+covariance counts every measurement once. Where that creeps, or stalls, its step is mended by what the update leaves out (`valley.py`);
+the covariance stays the filter's.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.estimation.noise import Noise, Weights
 from urdfcal.estimation.residual import Linearisation, Linearise
+from urdfcal.estimation.valley import Gradient, Valley
 
 TOLERANCE = 1e-7
 MAX_SWEEPS = {"iterated": 100, "paper": 5000}
@@ -31,6 +33,8 @@ STOPS = {
 _HALVINGS = 30
 _NEARLY = 1e-2  # [sigmas] steps under which noise that is not stated is estimated
 _SHRINKS = 0.1  # steps that shrink faster than this are Newton's last ones
+_PATIENCE, _MORE = 8, 12  # sweeps before a fit may be said to creep, and that are still to come at its pace where it does
+_BELIEVED, _AS_MODELLED = 0.25, 0.75  # shares of the promised gain under which a radius shrinks, and over which it grows
 _STANDSTILL = 1e-12  # [m] and [rad]: steps below it are rounding
 _ROUNDING = 1e-13  # share of the largest eigenvalue under which an information eigenvalue is rounding
 
@@ -140,8 +144,9 @@ def iterated_schedule(
 ) -> Estimate:
     """The maximum a posteriori estimate: one update of the prior, relinearised until its step is under `tolerance` sigmas.
 
-    A step that would raise the cost, or let a measured beam miss the screen, is halved. Noise that is not stated is estimated from
-    the residual whenever the state has come to rest.
+    A step that would raise the cost, or let a measured beam miss the screen, is halved. Where that creeps or stalls, as along a flat
+    valley, steps are those of Newton within a radius from there on. Noise that is not stated is estimated from the residual whenever
+    the state has come to rest.
 
     Args:
         linearise: Residual and Jacobian of the whole set at a state.
@@ -149,7 +154,7 @@ def iterated_schedule(
         noise: Of the measurements.
         start: Where to linearise first; the prior mean by default.
         tolerance: Largest step of any parameter still to come, in its own posterior standard deviations, that counts as rest.
-        max_sweeps: How many linearisations are allowed.
+        max_sweeps: How many steps are allowed.
     """
     scale = np.sqrt(np.diag(prior.P))
     x = prior.x if start is None else start
@@ -157,15 +162,19 @@ def iterated_schedule(
     belief, history = Belief(x, prior.P), [Sweep(x, np.nan, linearisation.rms)]
     if not linearisation.usable:
         return Estimate(belief, linearisation.trouble, noise, history)
-    settled, last = noise.settled(linearisation), 0.0
-    for _ in range(max_sweeps or MAX_SWEEPS["iterated"]):
+    settled, last, curved, radius, since, guessed = noise.settled(linearisation), 0.0, False, np.inf, 0, False
+    for sweep in range(max_sweeps or MAX_SWEEPS["iterated"]):
         weights = noise.weights(linearisation)
         H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
         rows, short = compress(H, residual + H @ (x - prior.x), scale)
         updated, _ = update(prior, short, rows, np.eye(len(short)))
-        step = updated.P @ (residual @ H - (x - prior.x) / scale**2)  # updated.x - x, but without the rounding of a whole update
+        gradient = residual @ H - (x - prior.x) / scale**2
+        step = updated.P @ gradient  # updated.x - x, but without the rounding of a whole update
+        valley = Valley.at(x, gradient, updated.P, _gradients(linearise, weights, prior), radius) if curved else None
+        if valley is not None:
+            step, _, _ = valley.step(radius)
         belief = Belief(x + step, updated.P)
-        sigmas = float(np.max(np.abs(step) / np.sqrt(np.diag(belief.P))))
+        sigmas = _largest(step, belief.P)
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
         if not settled and sigmas < _NEARLY:
@@ -174,11 +183,21 @@ def iterated_schedule(
         elif left < tolerance or np.abs(step).max() < _STANDSTILL:
             return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), linearisation.rms)])
         else:
-            moved, there = _damped(linearise, x, step, linearisation, weights, prior)
-            if there is None:
+            if valley is None:
+                moved, there = _damped(linearise, x, step, linearisation, weights, prior)
+            else:
+                moved, there, radius = _within(valley, radius, linearise, x, linearisation, weights, prior)
+            if there is None and curved:
                 return Estimate(replace(belief, x=x), "stalled", noise, history)
-            history.append(Sweep(moved, float(np.linalg.norm(moved - x)), there.rms))
-            x, linearisation = moved, there
+            if there is not None:
+                history.append(Sweep(moved, float(np.linalg.norm(moved - x)), there.rms))
+                x, linearisation = moved, there
+            if there is None or (not curved and _creeps(sweep - since, sigmas, shrinking, tolerance)):
+                if settled or guessed:
+                    curved, radius, last = True, 1.0, 0.0
+                else:
+                    noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, belief))
+                    since, last, guessed = sweep, 0.0, True
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 
 
@@ -247,6 +266,51 @@ def _damped(
         if there.usable and _cost(there, weights, moved, prior) <= cost * (1 + 1e-9) + 1e-12:
             return moved, there
     return x, None
+
+
+def _within(
+    valley: Valley, radius: float, linearise: Linearise, x: Vector, linearisation: Linearisation, weights: Weights, prior: Belief
+) -> tuple[Vector, Linearisation | None, float]:
+    """The longest step within the radius, or one fourth as wide ..., that does not raise the cost; and the radius of the next one."""
+    cost = _cost(linearisation, weights, x, prior)
+    for _ in range(_HALVINGS):
+        step, promised, length = valley.step(radius)
+        moved = x + step
+        there = linearise(moved)
+        after = _cost(there, weights, moved, prior) if there.usable else np.inf
+        rounding = cost * 1e-9 + 1e-12
+        kept = 1.0 if promised < rounding and after <= cost + rounding else (cost - after) / promised
+        if kept < _BELIEVED:
+            radius = length * _BELIEVED
+        elif kept > _AS_MODELLED:
+            radius = max(radius, 2 * length)
+        if after <= cost + rounding:
+            return moved, there, radius
+    return x, None, radius
+
+
+def _gradients(linearise: Linearise, weights: Weights, prior: Belief) -> Gradient:
+    """Half of what the cost falls by per unit of each parameter at a state, with the weights held; None where there is no cost."""
+
+    def gradient(x: Vector) -> Vector | None:
+        there = linearise(x)
+        if not there.usable:
+            return None
+        return np.asarray(weights.residual(there) @ weights.jacobian(there) - (x - prior.x) / np.diag(prior.P))
+
+    return gradient
+
+
+def _largest(step: Vector, P: Matrix) -> float:
+    """The largest step of any parameter, in its own standard deviations."""
+    return float(np.max(np.abs(step) / np.sqrt(np.diag(P))))
+
+
+def _creeps(sweep: int, sigmas: float, shrinking: float, tolerance: float) -> bool:
+    """Whether steps shrink so slowly that at their pace many more are to come."""
+    if sweep < _PATIENCE:
+        return False
+    return shrinking >= 1 or np.log(tolerance / sigmas) / np.log(shrinking) > _MORE
 
 
 def _cost(linearisation: Linearisation, weights: Weights, x: Vector, prior: Belief) -> float:

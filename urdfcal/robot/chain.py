@@ -202,7 +202,7 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
                 step.joint.line,
             )
     moving = [step for step in steps if step.joint.moves]
-    leaders = [_leader(tree, step.joint) for step in moving]
+    leaders = [leader_of(tree, step.joint) for step in moving]
     inputs = {joint.name: joint for joint, _, _ in leaders}
     coupling, offset = np.zeros((len(inputs), len(moving))), np.zeros(len(moving))
     for column, (step, (joint, multiplier, shift)) in enumerate(zip(moving, leaders, strict=True)):
@@ -265,7 +265,7 @@ def _below(tree: UrdfTree, ancestor: str, link: str) -> list[UrdfJoint]:
     return path[len(tree.path_from_root(ancestor)) :]
 
 
-def _leader(tree: UrdfTree, joint: UrdfJoint) -> tuple[UrdfJoint, float, float]:
+def leader_of(tree: UrdfTree, joint: UrdfJoint) -> tuple[UrdfJoint, float, float]:
     """The joint that drives this one, with the factor and the shift of its position."""
     multiplier, shift = 1.0, 0.0
     while joint.mimic is not None:

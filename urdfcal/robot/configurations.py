@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.robot.chain import leader_of
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 
@@ -71,13 +72,13 @@ class WholeRobot:
         turning: list[tuple[int, int]] = []
         gains: list[Vector] = []
         shifts: list[float] = []
-        for name in (joint.name for joint in robot.tree.joints.values() if joint.moves and model.existJointName(joint.name)):
-            leader, factor, shift = _leader(robot, name)
-            if leader not in column:
+        for joint in (joint for joint in robot.tree.joints.values() if joint.moves and model.existJointName(joint.name)):
+            leader, factor, shift = leader_of(robot.tree, joint)
+            if leader.name not in column:
                 continue
-            index = model.getJointId(name)
+            index = model.getJointId(joint.name)
             (plain if model.nqs[index] == 1 else turning).append((len(gains), model.idx_qs[index]))
-            gains.append(np.eye(len(joints))[column[leader]] * factor)
+            gains.append(np.eye(len(joints))[column[leader.name]] * factor)
             shifts.append(shift)
         self.gain, self.shift = np.array(gains).reshape(-1, len(joints)).T, np.array(shifts)
         self.plain, self.turning = _pairs(plain), _pairs(turning)
@@ -107,13 +108,3 @@ def whole_configurations(robot: Robot, q: Matrix) -> Matrix:
 def _pairs(pairs: Sequence[tuple[int, int]]) -> npt.NDArray[np.intp]:
     """Columns and places in a configuration, (2, joints)."""
     return np.array(pairs, dtype=np.intp).reshape(-1, 2).T
-
-
-def _leader(robot: Robot, name: str) -> tuple[str, float, float]:
-    """The joint that drives this one, with the factor and the shift of its position."""
-    factor, shift, joint = 1.0, 0.0, robot.tree.joints[name]
-    while joint.mimic is not None:
-        shift += factor * joint.mimic.offset
-        factor *= joint.mimic.multiplier
-        joint = robot.tree.joints[joint.mimic.joint]
-    return joint.name, factor, shift

@@ -23,7 +23,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.softness import EXTRAS, Softness, extra_terms, gravity_terms
-from urdfcal.robot.configurations import whole_configurations
+from urdfcal.robot.configurations import joint_limits, whole_configurations
 from urdfcal.robot.robot import Robot
 
 OBLIQUE = Gravity((0.36, 0.48, -0.8))
@@ -292,3 +292,60 @@ def test_a_vector_is_no_matter(robots: dict[str, Robot], rng: np.random.Generato
     before = q.copy()
     np.testing.assert_array_equal(compensation.command(q.tolist()), compensation.command(q))  # type: ignore[arg-type]
     np.testing.assert_array_equal(q, before)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_exact_placement_is_the_fit_s_own(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Every deflection at its own joint puts tip and lasers where the fit's model has them, to 1e-9, stretched arms and slides included."""
+    compensation = soft_arm(name, robots, rng, 20.0, ("scale", "eccentricity"))
+    robot = compensation.robot
+    q = np.vstack([positions(robot, rng), np.zeros((1, len(compensation.joints)))])
+    end = robot.rig.lasers[0] if robot.rig.lasers else robot.rig.tip
+    base, tip = compensation.placement(q, robot.rig.base), compensation.placement(q, end)
+    np.testing.assert_allclose(np.linalg.solve(base, tip)[:, :3, 3], bent_tips(compensation, q), atol=1e-9)
+    assert np.linalg.norm(tips(robot, compensation.corrected_configuration(q)) - bent_tips(compensation, q), axis=1).max() > 1e-6
+
+
+@pytest.mark.parametrize("name", ["tiago", "mimic", "hand sees hand"])
+def test_the_exact_placement_of_a_stiff_arm_is_pinocchio_s(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Without deflections every link of the robot, on the way or not, is where the whole robot's Pinocchio model has it."""
+    soft = soft_arm(name, robots, rng)
+    stiff = replace(soft, values=dict.fromkeys(soft.values, 0.0))
+    q = positions(soft.robot, rng, 3)
+    model, data = stiff.model, stiff.model.createData()
+    for number, whole in enumerate(stiff.whole(q)):
+        pin.framesForwardKinematics(model, data, whole)
+        for link in stiff.robot.tree.links:
+            expected = data.oMf[model.getFrameId(link, pin.BODY)].homogeneous
+            np.testing.assert_allclose(stiff.placement(q, link)[number], expected, atol=1e-12)
+
+
+def test_one_placement_is_of_a_stack_with_payload_and_approach(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """One configuration gives the SE3 that a stack has in that row; payload and direction matter, and a strange link is refused."""
+    compensation = soft_arm("tiago", robots, rng, extras=EXTRAS)
+    link, q = compensation.robot.rig.tip, positions(compensation.robot, rng, 4)
+    moves = rng.choice([-1.0, 1.0], q.shape)
+    stacked = compensation.placement(q, link, 2.0, moves)
+    np.testing.assert_allclose(compensation.placement(q[1], link, 2.0, moves[1]).homogeneous, stacked[1], atol=1e-14)
+    assert np.abs(stacked - compensation.placement(q, link)).max() > 1e-6
+    assert compensation.placement(q[:0], link).shape == (0, 4, 4)
+    with pytest.raises(urdfcal.UsageError, match=r"no link.* 'tool9'"):
+        compensation.placement(q, "tool9")
+
+
+def test_what_joint_positions_cannot_make_up_for_is_said(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """The distances over the joints' range are those between Pinocchio at corrected positions and where the arm is."""
+    compensation = soft_arm("ur5", robots, rng, 2.0)
+    found = compensation.shortfall(np.random.default_rng(4))
+    lower, upper = joint_limits(compensation.robot)
+    q = np.random.default_rng(4).uniform(lower, upper, (1000, len(lower)))
+    robot = compensation.robot
+    base, tip = compensation.placement(q, robot.rig.base), compensation.placement(q, robot.rig.tip)
+    model, data, left = robot.model, robot.model.createData(), []
+    for number, whole in enumerate(compensation.whole(compensation.corrected_configuration(q))):
+        pin.framesForwardKinematics(model, data, whole)
+        at, there = (data.oMf[model.getFrameId(link, pin.BODY)] for link in (robot.rig.base, robot.rig.tip))
+        left.append(np.linalg.norm(at.actInv(there).translation - np.linalg.solve(base[number], tip[number])[:3, 3]))
+    np.testing.assert_allclose([found.median, found.p95, found.worst], np.quantile(left, [0.5, 0.95, 1.0]), atol=1e-9)
+    assert found.median < found.p95 < found.worst < 20 * found.sag
+    assert f"{found.worst * 1e3:.3f} mm (worst)" in found.words

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from urdfcal.api import Calibration
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.terminal import as_text
-from urdfcal.calibration.analysis.sag import SagFit, estimated_gravity, fit_sag
+from urdfcal.calibration.analysis.sag import HeldOut, SagFit, _Setup, estimated_gravity, fit_sag
 from urdfcal.calibration.error_table import error_table, rms_of
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.richer import log_evidence
@@ -142,6 +143,18 @@ def test_the_data_say_where_down_is(robots: dict[str, Robot]) -> None:
     assert right is not None
     assert right.gain > wrong.gain + 10
     assert right.warnings == ()
+
+
+def test_gravity_is_doubted_only_where_held_out_poses_gain(robots: dict[str, Robot], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evidence for another direction is no reason to doubt the stated one if poses that were not fitted are no better for it."""
+    calibration, _, _ = measured(robots["ur5"], replace(SOFT, gravity=Gravity((0.0, 1.0, 0.0))), poses=40, tests=1)
+    doubted = fit_sag(calibration, folds=0)
+    assert doubted is not None
+    assert re.search(r"prefer gravity along y .*held-out poses -\d+ %", doubted.warnings[0])
+    monkeypatch.setattr(_Setup, "held_out", lambda *_: HeldOut(1.0, 1.001, 5, "mm", 1.0))
+    trusted = fit_sag(calibration, folds=0)
+    assert trusted is not None
+    assert trusted.warnings == ()
 
 
 def test_a_hanging_robot_bends_the_other_way(robots: dict[str, Robot]) -> None:
@@ -278,6 +291,12 @@ def test_the_command_line_tells_writes_and_refuses(tmp_path: Path, run_cli: Call
     assert compensation.joints == tuple(f"panda_joint{number}" for number in range(1, 8))
     assert (tmp_path / "sag.urdf").is_file()
     assert (tmp_path / "panda_calibrated.urdf").read_bytes() != (tmp_path / "sag.urdf").read_bytes()
+    pair = "sag.urdf belongs to sag.yaml: use the two together, and neither with another file"
+    assert f"{pair}; panda_calibrated.urdf is geometry alone and stands by itself" in " ".join(told.out.split())
+    short = compensation.shortfall()
+    assert short.words in " ".join(told.out.split())
+    written = yaml.safe_load((tmp_path / "sag.yaml").read_text())["joint_positions_fall_short_mm"]
+    assert written == pytest.approx(short.in_mm(), rel=1e-6)
     rigid = run_cli("fit", panda, "s.csv", "--no-sag", "-o", "other.urdf")
     assert "Sag" not in rigid.out
     assert (tmp_path / "other.urdf").read_bytes() == (tmp_path / "panda_calibrated.urdf").read_bytes()

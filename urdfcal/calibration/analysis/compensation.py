@@ -7,7 +7,9 @@ where the rigid model is at
 
 `own` are the deflections about the joints' own axes, exactly; `across` is the twist of the module by the deflections about the other
 axes, which joints can only make up for as far as they can move the module that way (J^+, damped least squares). A controller that
-wants the arm where the rigid model is at q_wanted commands q = command(q_wanted), the inverse.
+wants the arm where the rigid model is at q_wanted commands q = command(q_wanted), the inverse. Where the arm itself is, at singular
+configurations too, says `placement`, which has every deflection where it happens (`bent_arm.py`); `shortfall` says how far the two are
+apart over the workspace.
 
 Two files belong together: the URDF of the joint fit ends in a comment with the hash of the compensation, and the compensation names the
 hash of the URDF without that comment. Loading refuses any other pair.
@@ -34,10 +36,11 @@ import yaml
 
 from urdfcal.base.errors import CalibrationFileError, ShapeMismatch, UsageError
 from urdfcal.base.files import read_yaml
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import MM, Array3, Matrix, Vector
+from urdfcal.calibration.analysis.bent_arm import BentArm
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Softness, Term, is_known
-from urdfcal.robot.configurations import WholeRobot, whole_configurations
+from urdfcal.robot.configurations import WholeRobot, joint_limits, whole_configurations
 from urdfcal.robot.rig import SIX, Instruments, Target
 from urdfcal.robot.robot import Robot, load_robot, with_text
 
@@ -45,8 +48,39 @@ _LEVER = 0.2  # [m] a rotation of the last link counts as this lever's end would
 _SCALE = np.array([1.0, 1.0, 1.0, _LEVER, _LEVER, _LEVER])[:, None]
 _DAMPED = 0.01**2 * np.eye(6)  # [m^2] near singular configurations joints do not chase what they can hardly move
 _ROUNDS, _STILL = 8, 1e-9  # [rad], [m]; deflections are milliradians: each round of the inverse gains about three digits
+_DRAWN = 1000  # configurations that a workspace is judged by
 Payload = float | Vector | None
 _COMMENT = re.compile(rb"\n<!-- urdfcal compensation sha256 ([0-9a-f]{64}) -->\n?$")
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """How far the rigid model at corrected positions is from where the arm is, over configurations within the joints' range.
+
+    Attributes:
+        median, p95, worst: Distances of the last link on the way, [m].
+        sag: Median distance without any correction, [m].
+        link: That link.
+    """
+
+    median: float
+    p95: float
+    worst: float
+    sag: float
+    link: str
+
+    def in_mm(self) -> dict[str, float]:
+        """For files and machines."""
+        return {name: getattr(self, name) / MM for name in ("median", "p95", "worst")}
+
+    @property
+    def words(self) -> str:
+        """One line."""
+        median, p95, worst = (f"{value:.3f}" for value in self.in_mm().values())
+        return (
+            f"corrected joint positions leave {self.link} {median} mm (median), {p95} mm (95 %) and {worst} mm (worst) from where the arm "
+            f"is, over the joints' range; uncorrected ones {self.sag / MM:.3f} mm (median), compensation.placement(q, '{self.link}') none"
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,6 +132,51 @@ class Compensation:
         rows = self._checked(q)
         corrected = rows + self._deflection(rows, self._masses(payload, len(rows)), self._directions(approach, rows))
         return np.asarray(corrected[0] if np.ndim(q) == 1 else corrected)
+
+    def placement(self, q: Matrix | Vector, link: str, payload: Payload = None, approach: Matrix | Vector | None = None) -> Any:
+        """Where a link is: forward kinematics with every deflection at its own joint, exact at singular configurations, too.
+
+        Args:
+            q: Joint readings, (n, joints) or (joints,), [rad] or [m]; joints that were not measured stay at neutral.
+            link: Any link of the robot.
+            payload: Further mass at the tool, one or one a pose, [kg].
+            approach: Direction of each joint's last move, of q's shape: -1, 0 or 1.
+
+        Returns:
+            T_root_link, the link's placement in the URDF's root link: (n, 4, 4) with the position in [m], or for one configuration a
+            `pin.SE3`.
+
+        Raises:
+            ShapeMismatch: q or approach has not one number a joint, or the payload not one a pose.
+            UsageError: there is no such link, or the payload is no number.
+        """
+        rows = self._checked(q)
+        placed = self._bent_arm.placements(link, rows, self.deflections(rows, payload, approach))
+        return pin.SE3(placed[0]) if np.ndim(q) == 1 else placed
+
+    def shortfall(self, rng: np.random.Generator | None = None) -> Shortfall:
+        """How far corrected positions leave the rigid model from where the arm is, without a payload.
+
+        Args:
+            rng: Draws configurations within the joints' limits; seeded by default.
+        """
+        lower, upper = joint_limits(self.robot)
+        q = (rng or np.random.default_rng(0)).uniform(lower, upper, (_DRAWN, len(lower)))
+        rigid = np.zeros((len(q), len(self.softness.terms)))
+        there = self._tips(q, self.deflections(q))
+        left = np.linalg.norm(self._tips(self.corrected_configuration(q), rigid) - there, axis=1)
+        median, p95, worst = np.quantile(left, [0.5, 0.95, 1.0]).tolist()
+        sag = float(np.median(np.linalg.norm(self._tips(q, rigid) - there, axis=1)))
+        return Shortfall(median, p95, worst, sag, self.robot.rig.tip)
+
+    def _tips(self, q: Matrix, deflections: Matrix) -> Matrix:
+        """The last link on the way as its first one sees it, (n, 3)."""
+        base, tip = (self._bent_arm.placements(link, q, deflections) for link in (self.robot.rig.base, self.robot.rig.tip))
+        return np.asarray(np.linalg.solve(base, tip)[:, :3, 3])
+
+    @cached_property
+    def _bent_arm(self) -> BentArm:
+        return BentArm(self.robot, self.softness)
 
     def whole(self, q: Matrix | Vector) -> Matrix:
         """Configurations of `model` for positions of the calibrated joints; joints that were not measured stay at neutral.
@@ -232,6 +311,7 @@ def compensation_files(
         "rig": {"screen": robot.rig.base, "lasers": list(robot.rig.lasers)}
         if robot.rig.lasers
         else {"reference": instruments.reference, "targets": sorted({target.link for target in instruments.targets})},
+        "joint_positions_fall_short_mm": in_memory(robot, urdf, softness, values).shortfall().in_mm(),
         "terms": [_term_entry(softness, term, *values[term.name]) for term in softness.terms],
     }
     head = (

@@ -159,7 +159,7 @@ def fit_sag(
             kept.append(extra)
     alone = setup.alone()
     held_out = setup.held_out(alone, whole, folds, rng) if folds else None
-    warnings = tuple(setup.better_directions(gravity, whole)) if compare_directions and not extras else ()
+    warnings = tuple(setup.better_directions(gravity, whole, held_out, rng)) if compare_directions and not extras else ()
     gain = whole.log_evidence - alone.log_evidence
     dropped = tuple(extra for extra in further if extra not in kept)
     return SagFit(calibration, whole.errors, setup.widened(whole, gravity), gravity, gain, held_out, tuple(kept), dropped, warnings)
@@ -266,21 +266,28 @@ class _Setup:
         geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
         return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
 
-    def better_directions(self, gravity: Gravity, whole: _Fitted) -> Iterator[str]:
-        """A warning if the data prefer another direction of gravity; one and its opposite differ in the signs of all deflections."""
+    def better_directions(self, gravity: Gravity, whole: _Fitted, held_out: HeldOut | None, rng: np.random.Generator) -> Iterator[str]:
+        """A warning if the data, and poses that were not fitted, too, prefer another direction of gravity.
+
+        One and its opposite differ in the signs of all deflections, and are told apart by those alone, where sag gains anything.
+        """
         root = self.calibration.robot.tree.root
-        gains = {}
+        others: dict[str, _Fitted] = {}
         for axis, direction in _AXES.items():
             other = replace(gravity, direction=direction)
             if abs(np.dot(direction, gravity.direction)) < 0.9 and (terms := self.gravity_terms(other)):
-                gains[axis] = self.fit(terms, other, whole).log_evidence - whole.log_evidence
-        best = max(gains, key=lambda axis: gains[axis], default="")
-        if best and gains[best] > LEAST_GAIN:
-            yield (
-                f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gains[best]:+.0f}); "
-                "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
-            )
-        elif whole.bends < _UPWARD:
+                others[axis] = self.fit(terms, other, whole)
+        best = max(others, key=lambda axis: others[axis].log_evidence, default="")
+        gain = others[best].log_evidence - whole.log_evidence if best else 0.0
+        if gain > LEAST_GAIN:
+            left = self.held_out(whole, others[best], FOLDS, rng)
+            if left is not None and left.ratio < 1:
+                yield (
+                    f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gain:+.0f}, "
+                    f"held-out poses {100 * (left.ratio - 1):+.0f} %); "
+                    "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
+                )
+        elif whole.bends < _UPWARD and (held_out is None or held_out.ratio < 1):
             yield f"the joints bend against gravity; does the robot hang from its root link '{root}'? say --gravity X,Y,Z if it does"
 
 

@@ -135,7 +135,8 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
     for each in deflections(sag):
         table.add_row(each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}")
     said = f"written to {written}" if written else "not in the URDF, which is that of geometry alone; --compensation FILE.yaml writes it"
-    return [*blocks, "", titled(f"Deflections at the fitted poses ({said})", table)]
+    blocks += ["", titled(f"Deflections at the fitted poses ({said})", table)]
+    return [*blocks, "", sag.compensation().shortfall().words] if written else blocks
 
 
 def extras_rows(sag: SagFit) -> list[tuple[str, str, str]]:
@@ -158,8 +159,13 @@ def _extras_told(sag: SagFit) -> list[RenderableType]:
     return ["", titled("Found beside sag", table), ""] if rows else []
 
 
-def sag_json(sag: SagFit) -> dict[str, Any]:
-    """For machines; SI but for names that say otherwise."""
+def sag_json(sag: SagFit, written: bool = False) -> dict[str, Any]:
+    """For machines; SI but for names that say otherwise.
+
+    Args:
+        sag: The joint fit.
+        written: Whether its compensation is, so that it matters how far corrected joint positions fall short.
+    """
     held, units = sag.held_out, {term.name: term.unit or "1" for term in sag.softness.terms}
     return {
         "gravity": list(sag.gravity.direction),
@@ -171,6 +177,7 @@ def sag_json(sag: SagFit) -> dict[str, Any]:
             {"name": name, "value": value, "sigma": sigma, "unit": units[name]} for name, (value, sigma) in sag.soft_values.items()
         ],
         "deflections": [{"joint": each.joint, "mrad": each.mrad, "tool_mm": each.tool_mm} for each in deflections(sag)],
+        "joint_positions_fall_short_mm": sag.compensation().shortfall().in_mm() if written else None,
         "worth_it": worth_it(sag),
         "kept": list(sag.kept),
         "dropped": list(sag.dropped),
