@@ -15,7 +15,8 @@ from tests.conftest import CliResult
 from tests.support.paths import ROBOTS_DIR
 from tests.support.small_robot import CSV, URDF
 from urdfcal.base.errors import RobotError
-from urdfcal.base.terminal import as_text, figures_table, shown, titled
+from urdfcal.base.foreign_text import shown
+from urdfcal.base.terminal import as_text, figures_table, titled
 
 Run = Callable[..., CliResult]
 DH = f"'{sys.executable}' -m urdfcal.cli dh '{ROBOTS_DIR / 'arm7' / 'arm7.urdf.xacro'}'"

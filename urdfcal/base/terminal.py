@@ -1,13 +1,13 @@
-"""Text as the terminal shows it: tables, titles, values with their sigmas; control characters of foreign text written out."""
+"""Text as the terminal shows it: tables, titles, values with their sigmas."""
 
 from __future__ import annotations
 
 import io
 import math
-import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 
 if TYPE_CHECKING:
@@ -16,12 +16,6 @@ if TYPE_CHECKING:
 
 
 WIDTH = 100
-_STEERING = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\U000e0000-\U000e007f]")
-
-
-def shown(text: str) -> str:
-    r"""Text as it may be sent to a terminal: what would steer it, or turn letters about, as `\x1b` or `\u202e`; line ends and tabs stay."""
-    return _STEERING.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
 def as_text(blocks: Iterable[RenderableType]) -> str:

@@ -35,6 +35,11 @@ def say(wanted: bool, text: str, stream: Any = None) -> None:
         print(text, file=stream or sys.stderr)
 
 
+def asked_quiet() -> bool:
+    """Whether the command line asks for no warnings, for what is said before or after its options are known."""
+    return bool({"-q", "--quiet"} & set(sys.argv))
+
+
 def warn(lines: Iterable[str], quiet: bool) -> None:
     """Warnings to stderr, each on a line of its own."""
     for line in lines:

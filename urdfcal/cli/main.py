@@ -14,9 +14,10 @@ import typer
 
 from urdfcal.base import opened
 from urdfcal.base.errors import FitRejected, UrdfcalError
-from urdfcal.base.terminal import shown
+from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
+from urdfcal.cli.console import asked_quiet
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.module_command import module
@@ -66,7 +67,7 @@ def main() -> NoReturn:
             settle()
     except UrdfcalError as error:  # of the streams themselves
         sys.exit(_told(str(error), error.exit_code))
-    if {"-v", "--verbose"} & set(sys.argv) or not (code or {"-q", "--quiet"} & set(sys.argv)):
+    if {"-v", "--verbose"} & set(sys.argv) or not (code or asked_quiet()):
         for line in heard:
             _told(f"warning: a library says: {shown(line)}", 0)
     sys.exit(code)

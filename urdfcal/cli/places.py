@@ -25,6 +25,21 @@ def stated_place(text: str | Path) -> Path:
     return Path(text, _DEFAULT_NAME) if text.endswith("/") or os.path.isdir(text) else Path(text)
 
 
+def stated_file(text: str | Path) -> Path:
+    """The same of a file beside the main output: `-` is a name like others, whose ending is refused where endings count."""
+    return Path("./-") if str(text) == str(STDOUT) else stated_place(text)
+
+
+def require_no_json(as_json: bool, output: Path | None) -> None:
+    """Refuse two results on one standard output.
+
+    Raises:
+        UsageError: a file and JSON are both asked for there.
+    """
+    if as_json and output == STDOUT:
+        raise UsageError("-o - and --json both ask for standard output; name a file with -o, or leave one out")
+
+
 def named(place: Path, default: str) -> Path:
     """The place with a name, the default one where a folder was stated."""
     return place.with_name(default) if place.name == _DEFAULT_NAME else place
@@ -70,6 +85,11 @@ def deliver(contents: Mapping[str | Path, bytes]) -> None:
     for place, content in contents.items():
         if Path(place) == STDOUT:
             _to_stdout(content)
+
+
+def told(places: Iterable[str | Path]) -> list[str]:
+    """Places as people are told of them."""
+    return ["standard output" if Path(place) == STDOUT else str(place) for place in places]
 
 
 def require_ending(option: str, place: Path, endings: tuple[str, ...], what: str) -> None:

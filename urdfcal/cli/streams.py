@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any, TextIO
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.terminal import shown
+from urdfcal.base.foreign_text import shown
 
 _MOST = 5  # lines of libraries that are passed on
 
