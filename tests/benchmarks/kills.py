@@ -5,11 +5,12 @@
 Two calibrations of one robot, from measurements of different seeds, take turns at one place. A run is killed at a random time, or just
 before or after one of the steps that touch the disk (opened, written, linked, renamed). Then both files of the pair are looked at: each
 is, byte for byte but for the record's time, one of the two results or nothing; where they are not of one run, `apply` says so; and after
-the next run that is left alone nothing is in the folder but the pair. Of `render` it is asked that its folder is whole or not there.
+the next run that is left alone nothing is in the folder but the pair.
 """
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import random
@@ -80,6 +81,19 @@ class Study:
     def fit(self, name: str) -> tuple[str, ...]:
         return ("fit", "small.urdf", f"{name}.csv", *FIT)
 
+    def kill(self, at_random: int, at_steps: int) -> None:
+        """Kill so often at random times and at steps, with runs that are left alone between."""
+        rng, turns = random.Random(0), itertools.cycle("ab")
+        for number in range(at_random):
+            self.kill_at_random(next(turns), rng)
+            if number % 10 == 9:
+                self.next_run(next(turns))
+        for number in range(at_steps):
+            self.kill_at_step(next(turns), 1 + number % 16)
+            if number % 5 == 4:
+                self.next_run(next(turns))
+        self.next_run(next(turns))
+
     def kill_at_random(self, name: str, rng: random.Random) -> None:
         """Kill at some time, more often near the end, where files are written."""
         running = subprocess.Popen(command(*self.fit(name)), cwd=self.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -115,19 +129,10 @@ class Study:
 
 def main(at_random: int = 40, at_steps: int = 40) -> None:
     """Print what was left."""
-    rng = random.Random(0)
     with tempfile.TemporaryDirectory() as place:
         study = Study(Path(place))
-        turns = itertools.cycle("ab")
-        for number in range(at_random):
-            study.kill_at_random(next(turns), rng)
-            if number % 10 == 9:
-                study.next_run(next(turns))
-        for number in range(at_steps):
-            study.kill_at_step(next(turns), 1 + number % 16)
-            if number % 5 == 4:
-                study.next_run(next(turns))
-        study.next_run(next(turns))
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C: what was seen so far
+            study.kill(at_random, at_steps)
     for what in sorted({*study.seen, "mixed pairs UNDETECTED"}):
         print(f"{study.seen[what]:5d}  {what}")
 
