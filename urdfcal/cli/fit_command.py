@@ -286,6 +286,11 @@ def fit(
     else:
         bending = sag_blocks(bent, str(compensation or "")) if bent else []
         show(None, [*calibration_blocks(calibration, extra.accuracy()), *extra.blocks(), *bending])
-    say(not as_json, f"\nwrote {listed(told(files))}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
+    say(
+        not as_json,
+        f"\nwrote {listed(told(place for place in outputs.places.values() if place in files))}"
+        + (expanded_note(arm) if "urdf" in outputs.plan.places else ""),
+        sys.stdout,
+    )
     if verdict.use == "no":
         raise typer.Exit(FitRejected.exit_code)
