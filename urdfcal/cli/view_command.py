@@ -113,8 +113,8 @@ def view(
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
         html = named(html, f"{arm.description.stem}.html")
-        require_ending("--html", html, (".html", ".htm"), "a page")
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
+        require_ending("--html", html, (".html", ".htm"), "a page")
         if not overwrite:
             require_marked(html, ('id="urdfcal-scene"',), "page of urdfcal view")
     if measurements is not None:
