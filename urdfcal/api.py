@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, wraps
 from pathlib import Path
@@ -138,9 +138,9 @@ class Calibration(FitResult, Applicable):
         """Write the calibration as YAML: origins, parameters, combinations, provenance."""
         write_whole(path, self.record(command))
 
-    def record(self, command: Sequence[str] = ()) -> bytes:
-        """The calibration as YAML."""
-        return calibration_yaml(self, command or sys.argv)
+    def record(self, command: Sequence[str] = (), files: Mapping[str, str] | None = None) -> bytes:
+        """The calibration as YAML; with the hashes of the files that are written with it, by their ways from its folder."""
+        return calibration_yaml(self, command or sys.argv, files)
 
 
 def _calibrating(numeric: Callable[P, FitResult]) -> Callable[P, Calibration]:

@@ -1,45 +1,14 @@
-"""Files appear whole or not at all; YAML is read with its lines."""
+"""YAML is read with its lines."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from urdfcal.base.errors import RigError, UsageError
-from urdfcal.base.files import read_yaml, require_writable, write_together, write_whole
-
-
-def test_a_file_is_replaced_whole(tmp_path: Path) -> None:
-    """Writing replaces a file, with the permissions that a new file has, and leaves nothing beside it."""
-    for content in (b"old", b"new\r\n\x00"):
-        write_whole(tmp_path / "a", content)
-    (tmp_path / "b").touch()
-    assert (tmp_path / "a").read_bytes() == b"new\r\n\x00"
-    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
-    assert sorted(os.listdir(tmp_path)) == ["a", "b"]
-
-
-def test_of_several_files_none_is_written_if_one_cannot_be(tmp_path: Path) -> None:
-    """When the second file has no place, the first stays as it was and nothing is left behind."""
-    (tmp_path / "a").write_bytes(b"old")
-    (tmp_path / "folder").mkdir()
-    for wrong in (tmp_path / "nope" / "b", tmp_path / "folder"):
-        with pytest.raises(UsageError, match=f"{wrong}: cannot be written"):
-            write_together({tmp_path / "a": b"new", wrong: b"new"})
-    assert (tmp_path / "a").read_bytes() == b"old"
-    assert sorted(os.listdir(tmp_path)) == ["a", "folder"]
-
-
-def test_places_are_looked_at_before_any_work(tmp_path: Path) -> None:
-    """A folder, or a file in a folder that is not there, is refused; a file that exists is not."""
-    write_whole(tmp_path / "a", b"")
-    require_writable(tmp_path / "a")
-    for wrong, message in ((tmp_path, "is a folder, expected a file name"), (tmp_path / "nope" / "a", "the folder .*nope does not exist")):
-        with pytest.raises(UsageError, match=message):
-            require_writable(wrong)
+from urdfcal.base.errors import RigError
+from urdfcal.base.files import read_yaml
 
 
 def test_entries_know_their_lines(tmp_path: Path) -> None:

@@ -265,9 +265,9 @@ USAGE = {
     "screen link": (f"{FIT} --screen wall", {}, "no link named 'wall' among 8 links"),
     "laser link": (f"{FIT} --laser laser_3", {}, "no link named 'laser_3' among 8 links; did you mean 'laser_"),
     "output in no folder": (f"{FIT} -o nope/out.urdf", {}, "nope/out.urdf: the folder nope does not exist"),
-    "output is a folder": (f"{FIT} -o .", {}, ".: is a folder, expected a file name"),
+    "output is in no folder": (f"{FIT} -o nope/", {}, "nope/small_calibrated.urdf: the folder nope does not exist"),
     "output is the robot": (f"{FIT} -o small.urdf", {}, "small.urdf: is an input of this command; name another output with -o"),
-    "output is the data": (f"{FIT} -o ./m.csv", {}, "m.csv: is an input of this command"),
+    "output is the data": ("fit small.urdf m -o ./m", {"m": CSV}, "m: is an input of this command"),
     "apply onto the robot": (
         "apply small.urdf c.yaml -o small.urdf",
         {"c.yaml": f"joints: {{turn: {ENTRY}}}"},
@@ -277,7 +277,7 @@ USAGE = {
     "simulate scales": ("simulate small.urdf -o out.csv --errors 2", {}, "'2' is not a prior"),
     "simulate noise": ("simulate small.urdf -o out.csv --noise pink", {}, "no noise distribution 'pink'; there are: gaussian, uniform"),
     "simulate noise negative": ("simulate small.urdf -o out.csv --spot-noise-mm -1", {}, "noise must be finite and not negative"),
-    "simulate onto the robot": ("simulate small.urdf -o small.urdf", {}, "small.urdf: is an input of this command"),
+    "simulate onto the errors": ("simulate small.urdf -o m.csv --errors m.csv", {}, "m.csv: is an input of this command"),
     "simulate off the screen": ("simulate small.urdf -o out.csv --screen-size-m 0.000001", {}, "random poses put every beam on the screen"),
 }
 

@@ -24,11 +24,11 @@ parameters:
   slide.*: {fixed: true}
 """
 COMMANDS = {
-    "small.urdf": "fit small.urdf m.csv -o out.urdf",
-    "small.xacro": "fit small.xacro m.csv -o out.urdf --xacro-arg height:=0.2",
-    "m.csv": "fit small.urdf m.csv -o out.urdf",
-    "rig.yaml": "fit small.urdf m.csv -o out.urdf --rig rig.yaml",
-    "c.yaml": "apply small.urdf c.yaml -o out.urdf",
+    "small.urdf": "fit small.urdf m.csv -o out.urdf --overwrite",
+    "small.xacro": "fit small.xacro m.csv -o out.urdf --overwrite --xacro-arg height:=0.2",
+    "m.csv": "fit small.urdf m.csv -o out.urdf --overwrite",
+    "rig.yaml": "fit small.urdf m.csv -o out.urdf --overwrite --rig rig.yaml",
+    "c.yaml": "apply small.urdf c.yaml -o out.urdf --overwrite",
 }
 OUTPUTS = {"fit": {"out.urdf", "out_calibration.yaml"}, "apply": {"out.urdf"}}
 ODD = [

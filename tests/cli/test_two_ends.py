@@ -50,7 +50,7 @@ def test_a_posterior_that_is_none_is_refused(run_cli: Callable, waist: Path) -> 
     assert run_cli("fit", waist, "left.csv", "-o", "l.urdf", "--no-sag", "-q").code == 0
     text = Path("l_calibration.yaml").read_text()
     Path("bad.yaml").write_text(text.replace("  prior_sigma: [", "  prior_sigma: [0.1, ", 1))
-    refused = run_cli("fit", "l.urdf", "left.csv", "--after", "bad.yaml")
+    refused = run_cli("fit", "l.urdf", "left.csv", "--after", "bad.yaml", "-o", "m.urdf")
     assert refused.code == 2
     assert "bad.yaml:" in refused.err
     assert "expected a standard deviation, a twist and a row of" in refused.err

@@ -326,9 +326,9 @@ REFUSED = {
     "unknown": (("--format", "dh"), "no format 'dh'"),
     "hash without ur": (("--ur-hash-from", "h.yaml"), "--ur-hash-from means something with --format ur alone"),
     "kind of file": (("--format", "offsets", "-o", "x.urdf"), "x.urdf: --format offsets writes YAML"),
-    "an input": (("--format", "offsets", "-o", "m.csv"), "m.csv: is an input of this command"),
+    "an input": (("--format", "urdf", "-o", "small.urdf"), "small.urdf: is an input of this command"),
     "no folder": (("--format", "urdf", "--format", "offsets", "-o", "nowhere/x.urdf"), "the folder nowhere does not exist"),
-    "one file twice": (("--format", "offsets", "-o", "x.md", "--report", "x.md"), "two outputs of this command"),
+    "one file twice": (("-o", "x.urdf", "--compensation", "x.yaml"), "two outputs of this command"),
 }
 
 

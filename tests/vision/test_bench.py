@@ -156,7 +156,7 @@ def test_a_module_file_is_for_the_beams_that_it_was_made_for(
     assert run_cli("module", "bench.csv", "-o", "holds.yaml").code == 0
     assert run_cli("fit", arm, "m.csv", "--rig", "own.yaml", "-o", "out.urdf", "--force").code == 0
     before = sorted(tmp_path.rglob("*"))
-    for words in (("fit", "out.urdf", "m.csv", "--rig", "own.yaml"), ("check", arm, "m.csv", "--rig", "holds.yaml")):
+    for words in (("fit", "out.urdf", "m.csv", "-o", "more.urdf", "--rig", "own.yaml"), ("check", arm, "m.csv", "--rig", "holds.yaml")):
         done = run_cli(*words)
         assert (done.code, done.err.count("\n")) == (2, 1), done.err
         assert f"{words[-1]}: entry 'beams': the parameters are relative to a laser_1 along (" in done.err
@@ -179,7 +179,7 @@ def test_what_was_mistyped_is_left_out_and_named(tmp_path: Path, rng: np.random.
         wrong = replace(data, spots=data.spots.copy(), distance=data.distance.copy())
         getattr(wrong, column)[(2, 1, 1) if column == "spots" else 2] += 0.1
         (tmp_path / "bench.csv").write_text(bench_csv(wrong))
-        done = run_cli("module", "bench.csv", "-o", "module.yaml")
+        done = run_cli("module", "bench.csv", "-o", "module.yaml", "--overwrite")
         assert (done.code, done.err.count("\n")) == (0, 1)
         assert f"warning: bench.csv:4: {what}" in done.err
         assert "left out" in (tmp_path / "module.yaml").read_text()

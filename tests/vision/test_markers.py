@@ -137,7 +137,7 @@ def test_markers_writes_a_sheet(run_cli: RunCli, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("-o", "sheet.doc"), "expected .pdf, .svg, .png"),
+        (("-o", "sheet.doc"), "a sheet ends in .pdf, .svg or .png"),
         (("-o", "sheet.svg"), "takes 2 pages of A4"),
         (("-o", "sheet.png", "--paper", "full", "--dpi", "1200"), "take --dpi"),
         (("-o", "sheet.pdf", "--paper", "A5"), "expected A4, A3, full"),

@@ -307,7 +307,7 @@ def test_a_robot_without_a_camera_cannot_tell_like_lasers_apart(tmp_path: Path, 
     assert not (tmp_path / "f.csv").exists()
     assert run_cli("spots", "like", *words, "--order", "right-left").code == 0
     assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
-    assert run_cli("spots", "unlike", *words).code == 0
+    assert run_cli("spots", "unlike", *words, "--overwrite").code == 0
     assert (tmp_path / "f.csv").read_text().splitlines()[2].split(",")[1].startswith("300.")
 
 

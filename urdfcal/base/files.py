@@ -1,74 +1,16 @@
-"""Files: written whole or not at all, alone or together; YAML read with the lines that its entries stand on."""
+"""Files: written whole or not at all, alone or together (`whole_files`); YAML read with the lines that its entries stand on."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from urdfcal.base.errors import InputError, UsageError
+from urdfcal.base.errors import InputError
+from urdfcal.base.whole_files import require_writable, write_together, write_whole
 
-
-def write_whole(path: str | Path, content: bytes) -> None:
-    """Write a file next to its place and move it there.
-
-    Raises:
-        UsageError: the place cannot be written to.
-    """
-    write_together({path: content})
-
-
-def write_together(contents: Mapping[str | Path, bytes]) -> None:
-    """Write several files next to their places and, once all are written, move them there.
-
-    Raises:
-        UsageError: a place cannot be written to; no file has been touched then.
-    """
-    waiting: dict[Path, str] = {}
-    try:
-        for path, content in contents.items():
-            _write_beside(Path(path), content, waiting)
-        while waiting:
-            path = next(iter(waiting))
-            os.replace(waiting[path], path)
-            del waiting[path]
-    except OSError as error:
-        raise UsageError(f"{next(iter(waiting), path)}: cannot be written: {error.strerror or error}") from None
-    finally:
-        for temporary in waiting.values():
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-
-
-def _write_beside(path: Path, content: bytes, waiting: dict[Path, str]) -> None:
-    try:
-        handle, waiting[path] = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-        os.chmod(waiting[path], 0o666 & ~_umask())
-        if path.is_dir():
-            raise IsADirectoryError(f"{path} is a folder")
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def require_writable(path: str | Path) -> None:
-    """Refuse a place that cannot be written to, before any work is done for it.
-
-    Raises:
-        UsageError: the folder is missing or closed to us, or the path is a folder.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise UsageError(f"{path}: is a folder, expected a file name")
-    if not path.parent.is_dir():
-        raise UsageError(f"{path}: the folder {path.parent} does not exist")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise UsageError(f"{path}: the folder {path.parent} cannot be written to")
+__all__ = ["YamlFile", "read_yaml", "require_writable", "write_together", "write_whole"]
 
 
 @dataclass(frozen=True)
@@ -118,9 +60,3 @@ def _text(path: Path, error: type[InputError]) -> str:
         raise error(f"cannot be read: {trouble.strerror or trouble}", path) from None
     except UnicodeDecodeError as trouble:
         raise error("is not UTF-8 text; save it as UTF-8", path, trouble.object[: trouble.start].count(b"\n") + 1) from None
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

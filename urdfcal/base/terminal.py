@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 
 if TYPE_CHECKING:
@@ -22,9 +23,9 @@ def as_text(blocks: Iterable[RenderableType]) -> str:
     from rich.console import Console
 
     stream = io.StringIO()
-    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False)
+    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
     for block in blocks:
-        console.print(block, soft_wrap=isinstance(block, str))
+        console.print(shown(block) if isinstance(block, str) else block, soft_wrap=isinstance(block, str))
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
@@ -45,8 +46,18 @@ def figures_table(*labels: str) -> Table:
     """An empty table of ours with its first, left-aligned columns."""
     from rich import box
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    class ShownTable(Table):
+        """A table whose cells are text and nothing else: no marks of rich, and nothing that steers a terminal."""
+
+        def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
+            super().add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
+
+        def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
+            super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **how)
+
+    table = ShownTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for label in labels:
         table.add_column(label)
     return table
@@ -57,4 +68,4 @@ def titled(title: str, table: Table) -> RenderableType:
     from rich.console import Group
     from rich.text import Text
 
-    return Group(Text(title), Text(""), table)
+    return Group(Text(shown(title)), Text(""), table)

@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, expanded_note, listed, load, require_places
-from urdfcal.cli.options import Formats, Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
+from urdfcal.cli.inputs import about, expanded_note, listed, load, stored_calibration
+from urdfcal.cli.options import Formats, Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
+from urdfcal.cli.places import deliver, require_no_json, require_places, stated_place, told
 
 
 def apply(
@@ -18,13 +19,22 @@ def apply(
         Path, typer.Argument(metavar="CALIBRATION", help="Written by fit, or the truth of a simulation.", show_default=False)
     ],
     output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="OUT", help="Main output, by default the calibrated URDF.", show_default=False)
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            parser=stated_place,
+            help="Main output, by default the calibrated URDF; a folder for <stem>_calibrated.urdf in it, - for stdout.",
+            show_default=False,
+        ),
     ],
     output_format: Formats = None,
     ur_hash_from: UrHash = None,
     force: Annotated[
         bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
     ] = False,
+    overwrite: Overwrite = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -37,30 +47,31 @@ def apply(
     """Put a stored calibration on a robot description (again)."""
     import numpy as np
 
-    from urdfcal.base.files import write_together
-    from urdfcal.output.formats import Deployed, deployment
-    from urdfcal.output.replaced import require_ours
-    from urdfcal.output.stored import read_calibration
+    from urdfcal.cli.fit_outputs import planned_formats
+    from urdfcal.output.formats import Deployed
+    from urdfcal.output.replaced import require_same
 
+    require_no_json(as_json, output)
     arm = load(robot, xacro_arg, package_dir, screen, laser)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
-    plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)
+    plan = planned_formats(output_format or (), output, arm.description.stem, ur_hash_from)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
-    require_ours(place for name, place in plan.places.items() if name != "urdf" and place != output)
-    stored = read_calibration(calibration)
+    stored = stored_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)
     origins, missing = stored.origins_for(arm, force)
     deployed = Deployed(arm, origins, np.random.default_rng(seed))
     files = deployed.files(plan)
+    if not overwrite:
+        require_same(files)
     warn(deployed.warnings(plan), quiet)
-    write_together(files)
+    deliver(files)
     if missing:
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
     places = {name: str(place) for name, place in plan.places.items()}
     finish(
         {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(files)} with {len(origins)} corrected origins" + (expanded_note(arm) if "urdf" in plan.places else ""),
+        f"wrote {listed(told(files))} with {len(origins)} corrected origins" + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

@@ -12,8 +12,8 @@ import typer
 
 from urdfcal.base.errors import InputError, UsageError
 from urdfcal.cli.console import ProgressBar, say, show, warn
-from urdfcal.cli.inputs import require_places
-from urdfcal.cli.options import Json, Quiet, Verbose
+from urdfcal.cli.options import Json, Overwrite, Quiet, Verbose
+from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.sensors.camera import Camera, Side
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 
 
 def camera(
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="CAMERA.yaml", help="Where to write.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", metavar="CAMERA.yaml", parser=stated_place, help="Where to write; - is stdout.", show_default=False),
+    ],
     images: Annotated[
         list[str] | None,
         typer.Argument(metavar="IMAGES", help="Views of a board: files, folders or quoted patterns ('views/*.png').", show_default=False),
@@ -77,19 +80,28 @@ def camera(
     side: Annotated[
         str, typer.Option(metavar="SIDE", help="Of that board: front, or back where the camera looks through the screen.")
     ] = "front",
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Calibrate a camera: its lens from views of a board, and where the screen is."""
-    from urdfcal.base.files import write_whole
+    from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.report import camera_json, lens_blocks, lens_warnings, screen_blocks, screen_warnings
+    from urdfcal.vision.pictures import picture_files
 
     sought = _board_of(images, board, charuco, lens)
     model = _model_of(distortion, fisheye, lens)
     _require_screen(screen, markers, screen_board, board_origin, side, lens)
-    require_places(output, inputs=(screen, markers, *([] if output == lens else [lens]), *map(Path, images or ())))
+    require_no_json(as_json, output)
+    output = named(output, "camera.yaml")
+    require_ending("-o", output, (".yaml", ".yml"), "a camera")
+    views = picture_files(images) if images else []
+    require_places(output, inputs=(screen, markers, lens, *views))
+    made_of = inputs_sha256((*views, lens, screen, markers))
+    if not overwrite:
+        require_marked(output, (made_of,), "camera that was calibrated from the same files")
     fit: LensFit | None = None
     failed: dict[str, str] = {}
     if sought is not None:
@@ -101,7 +113,7 @@ def camera(
         seen = _screen(found, screen, markers, screen_board, board_origin, cast("Side", side), "the views" if fit else str(lens))
         warn(screen_warnings(seen, screen.name), quiet)
     result = seen.camera if seen is not None else found
-    write_whole(output, camera_yaml(result, _provenance(fit, screen)))
+    deliver({output: camera_yaml(result, {**_provenance(fit, screen), "inputs_sha256": made_of})})
     blocks: list[Any] = [*(lens_blocks(fit) if fit else []), *([""] if fit and seen else []), *(screen_blocks(seen) if seen else [])]
     show(camera_json(result, fit, failed, seen) if as_json else None, blocks if quiet else [*blocks, "", f"wrote {output}"])
 
@@ -110,7 +122,12 @@ def markers(
     screen: Annotated[
         Path, typer.Argument(metavar="SCREEN", help="A screen.yaml: which ArUco marker sits where, in mm.", show_default=False)
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="SHEET", help="A .pdf, .svg or .png file.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="SHEET", parser=stated_place, help="A .pdf, .svg or .png file; - is stdout (PDF).", show_default=False
+        ),
+    ],
     paper: Annotated[
         str,
         typer.Option(
@@ -120,19 +137,21 @@ def markers(
     ] = "A4",
     dpi: Annotated[float, typer.Option(min=20, max=2400, help="Of a .png, in dots per inch.")] = 300.0,
     mirror: Annotated[bool, typer.Option("--mirror", help="Print mirrored, for paper that is put on the screen's back.")] = False,
+    overwrite: Overwrite = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make the sheet of markers to print and put up, true to scale."""
     from urdfcal.base.errors import did_you_mean
-    from urdfcal.base.files import write_whole
     from urdfcal.cli.console import finish
+    from urdfcal.output.replaced import require_same
     from urdfcal.vision.camera.marker_sheet import ENDINGS, PAPERS_MM, Paper, marker_sheet, sheet_pages
     from urdfcal.vision.camera.markers import read_screen_markers
 
-    ending = output.suffix.lower()
-    if ending not in ENDINGS:
-        raise UsageError(f"{output}: ends in '{output.suffix}', expected {', '.join(ENDINGS)}")
+    require_no_json(as_json, output)
+    output = named(output, f"{screen.stem}.pdf")
+    require_ending("-o", output, tuple(ENDINGS), "a sheet")
+    ending = output.suffix.lower() or ".pdf"
     names = [*PAPERS_MM, "full"]
     if paper not in names:
         raise UsageError(f"--paper {paper}: expected {', '.join(names)}{did_you_mean(paper, names)}")
@@ -140,7 +159,9 @@ def markers(
     layout = read_screen_markers(screen)
     size = cast("Paper", paper)
     content = marker_sheet(layout, ending, size, dpi, mirror)
-    write_whole(output, content)
+    if not overwrite:
+        require_same({output: content})
+    deliver({output: content})
     pages = sheet_pages(layout, size, mirror)
     machine = {"sheet": str(output), "pages": len(pages), "page_mm": list(pages[0].size), "markers": list(layout.centres)}
     count = f"{len(layout.centres)} markers on {len(pages)} {'page' if len(pages) == 1 else 'pages'}"

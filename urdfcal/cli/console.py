@@ -35,10 +35,15 @@ def say(wanted: bool, text: str, stream: Any = None) -> None:
         print(text, file=stream or sys.stderr)
 
 
+def asked_quiet() -> bool:
+    """Whether the command line asks for no warnings, for what is said before or after its options are known."""
+    return bool({"-q", "--quiet"} & set(sys.argv))
+
+
 def warn(lines: Iterable[str], quiet: bool) -> None:
     """Warnings to stderr, each on a line of its own."""
     for line in lines:
-        say(not quiet, f"urdfcal: warning: {line}")
+        say(not quiet, f"urdfcal: warning: {' '.join(line.split())}")
 
 
 class ProgressBar:
@@ -53,7 +58,9 @@ class ProgressBar:
         from rich.console import Console
         from rich.progress import Progress
 
-        self.bar = Progress(console=Console(stderr=True), transient=True)
+        from urdfcal.cli.streams import raw
+
+        self.bar = Progress(console=Console(file=raw(sys.stderr)), transient=True)
         self.bar.start()
         task = self.bar.add_task(self.what, total=self.total)
         return lambda: self.bar.advance(task)

@@ -24,7 +24,6 @@ from urdfcal.cli.inputs import (
     priors_of,
     require_ends_for,
     require_lasers_for,
-    require_places,
     require_priors_used,
     rig_file_of,
     rig_options,
@@ -42,6 +41,7 @@ from urdfcal.cli.options import (
     Lasers,
     Model,
     Only,
+    Overwrite,
     PackageDirs,
     Payloads,
     PriorBeams,
@@ -61,6 +61,7 @@ from urdfcal.cli.options import (
     Verbose,
     XacroArgs,
 )
+from urdfcal.cli.places import deliver, require_no_json, require_places, stated_file, stated_place, told
 
 if TYPE_CHECKING:
     import numpy as np
@@ -87,7 +88,14 @@ def fit(
     measurements: DataFile,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", metavar="OUT", help="Main output. Default: <stem>_calibrated.urdf here.", show_default=False),
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            parser=stated_place,
+            help="Main output; a folder for the default name in it, - for stdout alone. Default: <stem>_calibrated.urdf here.",
+            show_default=False,
+        ),
     ] = None,
     output_format: Formats = None,
     ur_hash_from: UrHash = None,
@@ -138,7 +146,12 @@ def fit(
     ] = None,
     report: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Also write a report: .html (one page), .md or .json; repeatable.", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            parser=stated_file,
+            help="Also write a report: .html (one page), .md or .json; repeatable.",
+            show_default=False,
+        ),
     ] = None,
     sag: Annotated[
         bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
@@ -165,6 +178,7 @@ def fit(
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
+    overwrite: Overwrite = False,
     reference: Reference = None,
     reference_known: ReferenceKnown = False,
     target_known: TargetKnown = False,
@@ -186,7 +200,6 @@ def fit(
     import numpy as np
 
     from urdfcal.api import fit as run_fit
-    from urdfcal.base.files import write_together
     from urdfcal.calibration.analysis.prediction import base_link, predicted_spots
     from urdfcal.calibration.analysis.validation import coverage_warnings
     from urdfcal.calibration.analysis.validation import holdout as hold_out
@@ -199,6 +212,7 @@ def fit(
     def rng() -> np.random.Generator:
         return np.random.default_rng(seed)
 
+    require_no_json(as_json, output)
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
@@ -210,7 +224,8 @@ def fit(
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     outputs = replace(outputs, camera=data.corrects_camera)
     require_places(*outputs.places.values(), inputs=inputs)
-    outputs.require_free(output)
+    if not overwrite:
+        outputs.require_free(arm, data)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
@@ -264,7 +279,7 @@ def fit(
     extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
     files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)
-    write_together(files)
+    deliver(files)
     if as_json:
         bending_told = sag_json(bent, outputs.compensation in files) if bent else None
         written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
@@ -272,7 +287,12 @@ def fit(
     else:
         bending = sag_blocks(bent, str(compensation or "")) if bent else []
         show(None, [*calibration_blocks(calibration, extra.accuracy()), *extra.blocks(), *bending])
-    say(not as_json, f"\nwrote {listed(files)}" + (expanded_note(arm) if "urdf" in outputs.plan.places else ""), sys.stdout)
+    say(
+        not as_json,
+        f"\nwrote {listed(told(place for place in outputs.places.values() if place in files))}"
+        + (expanded_note(arm) if "urdf" in outputs.plan.places else ""),
+        sys.stdout,
+    )
     if outputs.compensation in files:
         say(not as_json, outputs.pair_words, sys.stdout)
     if verdict.use == "no":

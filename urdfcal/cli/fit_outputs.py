@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,20 +12,24 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.version import __version__
+from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
 from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
 from urdfcal.model.softness import EXTRAS
 from urdfcal.output.calibration_yaml import sha256
-from urdfcal.output.formats import Deployment, deployment
-from urdfcal.output.replaced import replaced, require_ours
+from urdfcal.output.formats import ENDINGS, Deployment, deployment
+from urdfcal.output.pairs import written_with
+from urdfcal.output.replaced import require_earlier, require_marked
 from urdfcal.output.report.files import report_bytes, require_report_ending
 
 if TYPE_CHECKING:
     from urdfcal.api import Calibration
     from urdfcal.calibration.analysis.sag import SagFit
     from urdfcal.output.text.result import Extras
+    from urdfcal.robot.robot import Robot
+    from urdfcal.sensors.measurements import Measurements
 
-CORRECTED = b"calibration_sha256"  # in a camera's file that a fit has written
+CORRECTED = "calibration_sha256"  # in a camera's file that a fit has written
 
 
 @dataclass(frozen=True)
@@ -46,10 +50,8 @@ class Outputs:
 
     @property
     def places(self) -> dict[str, Path]:
-        """Every file by what it is."""
-        beside = self.plan.main.parent
-        places = {**self.plan.places, "calibration": beside / f"{self.plan.stem}_calibration.yaml"}
-        places |= {"camera": beside / f"{self.plan.stem}_camera.yaml"} if self.camera else {}
+        """Every file by what it is; beside standard output there is none that was not asked for."""
+        places = {**self.plan.places, **({} if self.plan.main == STDOUT else self._beside)}
         places |= {f"report {number}" if number > 1 else "report": path for number, path in enumerate(self.reports, start=1)}
         return places | (
             {"compensation": self.compensation, "compensated_urdf": self.compensation.with_suffix(".urdf")} if self.compensation else {}
@@ -65,18 +67,23 @@ class Outputs:
             f"; {alone} is geometry alone and stands by itself" if alone is not None else ""
         )
 
-    def require_free(self, stated: Path | None) -> None:
-        """Refuse to replace what urdfcal has not written, under names that nobody stated; a URDF has its robot's bytes, and no mark.
+    @property
+    def _beside(self) -> dict[str, Path]:
+        """What goes beside the main output under its name."""
+        kinds = ("calibration", "camera") if self.camera else ("calibration",)
+        return {kind: self.plan.main.parent / f"{self.plan.stem}_{kind}.yaml" for kind in kinds}
 
-        Args:
-            stated: What `-o` says.
+    def require_free(self, robot: Robot, data: Measurements) -> None:
+        """Refuse to replace what no earlier fit of the same robot and measurements has written.
 
         Raises:
             UsageError: names the first of them.
         """
-        derived = {name: place for name, place in self.places.items() if place not in (stated, *self.reports, self.compensation)}
-        require_ours(place for name, place in derived.items() if name not in ("urdf", "camera"))
-        require_ours([derived["camera"]] if "camera" in derived else [], CORRECTED)
+        places = {name: place for name, place in self.places.items() if place != STDOUT}
+        record, camera = places.pop("calibration", STDOUT), places.pop("camera", None)
+        require_earlier(record, places.values(), robot, data)
+        if camera is not None:
+            require_marked(camera, (CORRECTED,), "camera that an earlier fit has corrected")
 
     def contents(
         self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
@@ -86,10 +93,8 @@ class Outputs:
         Raises:
             UsageError: a compensation is wanted, and there is nothing to compensate.
         """
-        deployed, places, record = calibration.deployed(rng), self.places, calibration.record(sys.argv)
-        files: dict[str | Path, bytes] = {**deployed.files(self.plan), places["calibration"]: record}
-        if self.camera:
-            files[places["camera"]] = _camera_file(calibration, record)
+        deployed, places = calibration.deployed(rng), self.places
+        files: dict[str | Path, bytes] = dict(deployed.files(self.plan))
         files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine()) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
@@ -98,14 +103,18 @@ class Outputs:
                 )
             urdf, text = sag.files(places["compensated_urdf"].name)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
-        return files, [*deployed.warnings(self.plan), *replaced(places["calibration"], calibration.robot, calibration.data)]
+        if "calibration" in places:  # the last of all: it tells whether the others are its own
+            record = calibration.record(sys.argv, written_with(places["calibration"], files))
+            files |= {places["camera"]: _camera_file(calibration, record)} if self.camera else {}
+            files[places["calibration"]] = record
+        return files, list(deployed.warnings(self.plan))
 
 
 def _camera_file(calibration: Calibration, record: bytes) -> bytes:
     """The corrected camera, with the hash of the calibration that it goes with."""
     from urdfcal.vision.camera.camera_file import camera_yaml
 
-    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, CORRECTED.decode(): sha256(record)})
+    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, CORRECTED: sha256(record)})
 
 
 def planned(
@@ -121,11 +130,28 @@ def planned(
     Raises:
         UsageError: an ending or a format is none of ours.
     """
+    reports = [named(report, f"{stem}_report.html") for report in reports]
     for report in reports:
         require_report_ending(report)
     if compensation is not None and compensation.suffix not in (".yaml", ".yml"):
         raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
-    return Outputs(deployment(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
+    return Outputs(planned_formats(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
+
+
+def planned_formats(formats: Sequence[str], output: Path | None, stem: str, ur_hash_from: Path | None) -> Deployment:
+    """The formats that are asked for, in a file, in a folder or on standard output.
+
+    Raises:
+        UsageError: an ending or a format is none of ours, or several are to go to standard output.
+    """
+    if output is not None and output != STDOUT:
+        output = named(output, f"{stem}{ENDINGS.get(next(iter(formats), 'urdf'), '')}")
+    plan = deployment(formats, None if output == STDOUT else output, stem, ur_hash_from)
+    if output != STDOUT:
+        return plan
+    if len(plan.places) > 1:
+        raise UsageError(f"-o -: {len(plan.places)} formats do not go to one standard output; name one --format, or a file")
+    return replace(plan, places=dict.fromkeys(plan.places, STDOUT))
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import urdfcal
 from urdfcal.base.errors import UsageError
+from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from urdfcal.model.error_model import ErrorModel
     from urdfcal.model.options import ModelOptions
     from urdfcal.model.parameters import Kind, PriorScale
+    from urdfcal.output.stored import StoredCalibration
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.measurements import Measurements
 
@@ -45,6 +47,7 @@ def load(
         if not mark or not name:
             raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
         arguments[name] = value
+    warn_if_mixed(path)
     return load_robot(
         path,
         xacro_args=arguments,
@@ -52,6 +55,26 @@ def load(
         screen=screen or (rig.screen if rig else None),
         lasers=lasers or (rig.lasers if rig else None),
     )
+
+
+def warn_if_mixed(path: Path) -> None:
+    """Name a URDF, or a calibration, that does not belong to what stands beside it."""
+    from urdfcal.output.pairs import mixed
+
+    warn(mixed(path), asked_quiet())
+
+
+def stored_calibration(path: Path) -> StoredCalibration:
+    """A calibration read from its file; where the files beside it are not those that it was written with, that is said.
+
+    Raises:
+        CalibrationFileError: the file is not one.
+    """
+    from urdfcal.output.stored import read_calibration
+
+    stored = read_calibration(path)
+    warn_if_mixed(path)
+    return stored
 
 
 def measured(
@@ -123,9 +146,8 @@ def earlier_joints(path: Path | None, robot: Robot) -> EarlierJoints | None:
     if path is None:
         return None
     from urdfcal.calibration.known_joints import require_written
-    from urdfcal.output.stored import read_calibration
 
-    earlier = read_calibration(path).joints
+    earlier = stored_calibration(path).joints
     require_written(earlier, robot, str(path))
     return earlier
 
@@ -133,14 +155,17 @@ def earlier_joints(path: Path | None, robot: Robot) -> EarlierJoints | None:
 def forgotten_branch(path: Path, robot: Robot) -> tuple[str, ...]:
     """A warning where the calibration beside a URDF decided joints of this way and of another branch, which a fit would spoil."""
     from urdfcal.base.errors import CalibrationFileError, RobotError
+    from urdfcal.base.opened import unnoted
     from urdfcal.calibration.known_joints import require_written
+    from urdfcal.output.pairs import record_beside
     from urdfcal.output.stored import read_calibration
 
-    beside = path.with_name(f"{path.stem}_calibration.yaml")
+    beside = record_beside(path)
     if not beside.is_file():
         return ()
     try:
-        earlier = read_calibration(beside).joints
+        with unnoted():
+            earlier = read_calibration(beside).joints
         require_written(earlier, robot, str(beside))
     except (CalibrationFileError, RobotError):  # of another robot, or of another time: this one owes it nothing
         return ()
@@ -270,21 +295,6 @@ def positive(option: str, value: float | None) -> float | None:
     if value is not None and not _LEAST <= value <= _MOST:
         raise UsageError(f"{option} {value:g}: expected a number between {_LEAST:g} and {_MOST:g}")
     return value
-
-
-def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
-    """Refuse outputs that cannot be written or would fall on an input, before any work is done."""
-    from urdfcal.base.files import require_writable
-
-    used = {path.resolve() for path in inputs if path is not None}
-    taken: set[Path] = set()
-    for output in outputs:
-        require_writable(output)
-        if output.resolve() in used:
-            raise UsageError(f"{output}: is an input of this command; name another output with -o")
-        if output.resolve() in taken:
-            raise UsageError(f"{output}: two outputs of this command would be written to this file; name another with -o")
-        taken.add(output.resolve())
 
 
 def listed(paths: Iterable[str | Path]) -> str:

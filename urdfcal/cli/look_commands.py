@@ -21,6 +21,7 @@ from urdfcal.cli.inputs import (
     rig_file_of,
     rig_options,
     sensor_noise,
+    stored_calibration,
 )
 from urdfcal.cli.options import (
     CameraOption,
@@ -171,7 +172,7 @@ def dh(
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
     from urdfcal.model.dh import dh_table
     from urdfcal.model.gauge import build_error_model
-    from urdfcal.output.stored import corrected_robot, read_calibration
+    from urdfcal.output.stored import corrected_robot
     from urdfcal.output.text.result import carried_lines, dh_block, dh_json
     from urdfcal.robot.rig import SIX, Instruments
     from urdfcal.robot.rig import Target as InstrumentTarget
@@ -185,7 +186,7 @@ def dh(
     say(verbose, about(arm))
     rows, corrected = dh_table(arm.chain, hayati), None
     if calibration is not None:
-        origins, missing = read_calibration(calibration).origins_for(arm)
+        origins, missing = stored_calibration(calibration).origins_for(arm)
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
         corrected = dh_table(corrected_robot(arm, origins).chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried

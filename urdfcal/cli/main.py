@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import contextlib
 import os
 import sys
 import traceback
@@ -12,16 +12,22 @@ from typing import Any, NoReturn
 
 import typer
 
+from urdfcal.base import opened
 from urdfcal.base.errors import FitRejected, UrdfcalError
+from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
+from urdfcal.cli.console import asked_quiet
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
+from urdfcal.cli.streams import about_stdout, drop_stdout, our_streams, require_written, settle, unprinted
 from urdfcal.cli.view_command import view
+
+_INTERRUPTED = 130  # what typer makes of Ctrl-C
 
 app = typer.Typer(
     name="urdfcal",
@@ -54,28 +60,41 @@ def _commands() -> Any:
 def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: on a busy machine threads cost far more than they bring
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that lacks a letter is no reason to fail
+    try:
+        with our_streams() as heard:
+            opened.begin()
+            code = _run()
+            settle()
+    except UrdfcalError as error:  # of the streams themselves
+        sys.exit(_told(str(error), error.exit_code))
+    if {"-v", "--verbose"} & set(sys.argv) or not (code or asked_quiet()):
+        for line in heard:
+            _told(f"warning: a library says: {shown(line)}", 0)
+    sys.exit(code)
+
+
+def _run() -> int:
+    """The command, its errors told; its exit code."""
     try:
         code = _commands()(standalone_mode=False, prog_name="urdfcal")
+        require_written()
+        return _told("interrupted", code) if code == _INTERRUPTED else code if isinstance(code, int) else 0
     except FitRejected as error:
         way_out = " (--force writes it anyway)" if error.forceable else ""
-        _fail(f"rejected: {error}; nothing written{way_out}", error.exit_code)
+        return _told(f"rejected: {error}; nothing written{way_out}", error.exit_code)
     except UrdfcalError as error:
-        _fail(str(error), error.exit_code)
-    except typer.Abort:
-        _fail("interrupted", 130)
-    except KeyboardInterrupt:
-        _fail("interrupted", 130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(0)
+        return _told(str(error), error.exit_code)
+    except (typer.Abort, KeyboardInterrupt):
+        return _told("interrupted", _INTERRUPTED)
+    except BrokenPipeError:  # whoever read it has seen enough
+        drop_stdout()
+        return 0
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own usage errors
-            _fail(" ".join(error.format_message().split()), 2)
-        _fail(_ours(error), 70)
-    sys.exit(code if isinstance(code, int) else 0)
+            return _told(" ".join(error.format_message().split()), 2)
+        if isinstance(error, OSError) and about_stdout(error):
+            return _told(str(unprinted(error)), 2)
+        return _told(_ours(error), 70)
 
 
 def _ours(error: Exception) -> str:
@@ -90,6 +109,8 @@ def _ours(error: Exception) -> str:
     )
 
 
-def _fail(message: str, code: int) -> NoReturn:
-    print(f"urdfcal: {message}", file=sys.stderr)
-    sys.exit(code)
+def _told(message: str, code: int) -> int:
+    """Say what went wrong, where anybody listens; the exit code."""
+    with contextlib.suppress(OSError):  # stderr is full or closed: the exit code has to do
+        print(f"urdfcal: {message}", file=sys.stderr)
+    return code

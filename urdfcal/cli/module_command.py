@@ -9,8 +9,9 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.inputs import load, positive
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 
 def module(
@@ -20,7 +21,12 @@ def module(
             metavar="BENCH", help="CSV: distance, <laser>.x, <laser>.y in module axes (z toward the plane).", show_default=False
         ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="YAML", help="Rig file with the beams' priors.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="YAML", parser=stated_place, help="Rig file with the beams' priors; - is stdout.", show_default=False
+        ),
+    ],
     robot: Annotated[
         Path | None,
         typer.Option(
@@ -33,6 +39,7 @@ def module(
     reading_sigma_mm: Annotated[
         float | None, typer.Option(help="Noise of a reading in mm. Default: estimated from the residual.", show_default=False)
     ] = None,
+    overwrite: Overwrite = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -44,8 +51,8 @@ def module(
     """Find the module's true beam directions from spots on a plane at known distances (Fig. 6 of the paper)."""
     import numpy as np
 
-    from urdfcal.base.files import write_whole
     from urdfcal.base.tables import read_table
+    from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.vision.bench.beams import readings_from
     from urdfcal.vision.bench.misreadings import beams_without_misreadings
     from urdfcal.vision.bench.module_file import beam_priors, described, misreadings, module_yaml, xacro_arguments
@@ -53,14 +60,21 @@ def module(
     if not 0 <= squareness_deg <= 45:
         raise UsageError(f"--squareness-deg {squareness_deg:g}: expected a number from 0 to 45")
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
+    require_no_json(as_json, output)
+    output = named(output, "module.yaml")
+    require_ending("-o", output, (".yaml", ".yml"), "a rig file")
     require_places(output, inputs=(bench, robot))
+    made_of = inputs_sha256((bench, robot))
+    if not overwrite:
+        require_marked(output, (made_of,), "module that was found from the same files")
     arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
     table = read_table(bench, "distance, <laser>.x, <laser>.y", "one row a distance")
     readings = readings_from(table)
     result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)
     warnings = misreadings(result, left_out, doubtful, table)
     priors = beam_priors(result, arm)
-    write_whole(output, module_yaml(result, np.radians(squareness_deg), arm, warnings))
+    notes = [*warnings, f"sha256 of what it was found from: {made_of}"]
+    deliver({output: module_yaml(result, np.radians(squareness_deg), arm, notes)})
     warn(warnings, quiet)
     say(verbose, f"{len(readings.distance)} distances; noise of a reading {result.noise * 1e3:.3f} mm")
     relative = f"the beams of {robot}" if robot else "a URDF that holds these angles"

@@ -125,4 +125,8 @@ Payloads = Annotated[
     list[str] | None,
     typer.Option("--payload", metavar="KG@LINK", help="Mass in kg that hangs on a link, e.g. 2.5@tool0; repeatable.", show_default=False),
 ]
+Overwrite = Annotated[
+    bool,
+    typer.Option("--overwrite", help="Also replace files that are no earlier result of the same inputs; never an input, never a device."),
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.", show_default=False)]

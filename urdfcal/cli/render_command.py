@@ -9,8 +9,9 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import about, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.inputs import about, load, positive, stored_calibration
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.places import deliver, require_places
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix
@@ -65,6 +66,7 @@ def render(
         float | None,
         typer.Option(help="Side of the screen in m; beams beside it make no spot. Default: 3, and they do.", show_default=False),
     ] = None,
+    overwrite: Overwrite = False,
     seed: Seed = 0,
     screen: Screen = None,
     laser: Lasers = None,
@@ -77,8 +79,9 @@ def render(
     """Make the pictures that a camera would have taken of the spots; simulated, for trying the whole line without hardware."""
     import numpy as np
 
-    from urdfcal.base.files import write_whole
     from urdfcal.base.tables import read_table
+    from urdfcal.base.whole_files import folder_whole, require_new_folder
+    from urdfcal.output.replaced import require_same
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.markers import read_screen_markers
     from urdfcal.vision.render.image_sensor import ImageSensor
@@ -119,26 +122,29 @@ def render(
         frames,
     )
     view.spots_of_pixels(np.zeros((1, 2)))  # refuses a camera without a screen
-    _require_folder(output)
+    require_new_folder(output)
     require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
     table = read_table(poses, "a column a joint", "one row a pose")
     names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
-    output.mkdir(exist_ok=True)
-    if camera is None:
-        write_whole(
-            output / "camera.yaml", camera_yaml(view, {"made_by": "urdfcal render: a camera that sees the spots; none was calibrated"})
-        )
     shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
-    with ProgressBar("rendering", len(names) * frames, quiet or as_json) as advance:
+    unlit: dict[str | Path, bytes] = {}
+    with folder_whole(output) as folder, ProgressBar("rendering", len(names) * frames, quiet or as_json) as advance:
+        if camera is None:
+            made_by = {"made_by": "urdfcal render: a camera that sees the spots; none was calibrated"}
+            (folder / "camera.yaml").write_bytes(camera_yaml(view, made_by))
         for shot in pictures(studio, beams, np.random.default_rng(seed), dark is not None):
             if shot.pose < 0 and dark is not None:
-                write_whole(dark, png(shot.pixels))
+                unlit = {dark: png(shot.pixels)}
+                if not overwrite:
+                    require_same(unlit)
                 continue
-            write_whole(output / (f"{names[shot.pose]}_{shot.frame}.png" if frames > 1 else f"{names[shot.pose]}.png"), png(shot.pixels))
+            name = f"{names[shot.pose]}_{shot.frame}.png" if frames > 1 else f"{names[shot.pose]}.png"
+            (folder / name).write_bytes(png(shot.pixels))
             if shot.frame == 1:
                 shown.append(shot.shown)
             advance()
-    write_whole(output / "truth.csv", truth_csv(names, arm.rig.lasers, view, beams, shown))
+        (folder / "truth.csv").write_bytes(truth_csv(names, arm.rig.lasers, view, beams, shown))
+        deliver(unlit)
     count = int(np.sum(shown))
     warn([*odd, *_unshown(meant, beams, view, count), *_too_small(beams, view, diameter)], quiet)
     beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
@@ -167,9 +173,9 @@ def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, 
 
 
 def _corrected(arm: Robot, calibrated: Path) -> Robot:
-    from urdfcal.output.stored import corrected_robot, read_calibration
+    from urdfcal.output.stored import corrected_robot
 
-    origins, _ = read_calibration(calibrated).origins_for(arm)
+    origins, _ = stored_calibration(calibrated).origins_for(arm)
     return corrected_robot(arm, origins)
 
 
@@ -216,12 +222,3 @@ def _names(labels: list[str]) -> list[str]:
         twice = next(name for name in names if names.count(name) > 1)
         raise UsageError(f"two poses would both be the picture '{twice}.png'; give them different labels in the column 'pose'")
     return names
-
-
-def _require_folder(folder: Path) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"{folder}: is a file, expected a folder for the pictures")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise UsageError(f"{folder}: is not empty; name a new folder with -o, so that no picture of another run stays among the new ones")
-    if not folder.parent.is_dir():
-        raise UsageError(f"{folder}: the folder {folder.parent} does not exist")

@@ -10,8 +10,22 @@ import typer
 from typer.core import TyperCommand
 
 from urdfcal.cli.console import ProgressBar, finish, say, show, warn
-from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.inputs import about, arm7_file, load, positive
+from urdfcal.cli.options import (
+    Json,
+    Lasers,
+    Overwrite,
+    PackageDirs,
+    Payloads,
+    Quiet,
+    Reference,
+    RobotFile,
+    Screen,
+    Seed,
+    Verbose,
+    XacroArgs,
+)
+from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
@@ -36,7 +50,13 @@ def simulate(
     output: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False
+            "-o",
+            "--output",
+            metavar="CSV",
+            parser=stated_place,
+            help="Measurements; the truth goes to <stem>_truth.yaml beside them. A folder for <robot>_simulated.csv in it, - for stdout, "
+            "without the truth.",
+            show_default=False,
         ),
     ],
     poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
@@ -89,6 +109,7 @@ def simulate(
     target_known: Annotated[
         bool, typer.Option("--target-known", help="Measure the targets' links themselves, not something that sits anywhere on them.")
     ] = False,
+    overwrite: Overwrite = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -102,11 +123,10 @@ def simulate(
 
     import numpy as np
 
-    from urdfcal.base.files import write_together
     from urdfcal.calibration.reach import ScreenArea, draw_poses
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
-    from urdfcal.output.replaced import require_ours
+    from urdfcal.output.replaced import require_marked
     from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
@@ -115,10 +135,16 @@ def simulate(
     from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
+    require_no_json(as_json, output)
     arm = load(robot, xacro_arg, package_dir, screen, laser)
-    truth_file = output.parent / f"{output.stem}_truth.yaml"
-    require_places(output, truth_file, inputs=(robot,))
-    require_ours([truth_file])
+    output = named(output, f"{arm.description.stem}_simulated.csv")
+    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
+    written = {output: ("SIMULATED", "urdfcal simulate"), **({truth_file: ("SIMULATED", "simulated: true")} if truth_file else {})}
+    require_places(*written, inputs=(robot, None if "," in errors else Path(errors)))
+    if not overwrite:
+        for place, marks in written.items():
+            require_marked(place, marks, "result of urdfcal simulate")
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
@@ -161,10 +187,12 @@ def simulate(
         import yaml
 
         truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
-    write_together({truth_file: truth, output: measurements_csv(data, comments)})
+    deliver({**({truth_file: truth} if truth_file else {}), output: measurements_csv(data, comments)})
     finish(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
-        f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
+        f"wrote {output} ({len(data)} simulated poses) and {truth_file}"
+        if truth_file
+        else f"{len(data)} simulated poses; the truth is not kept",
         quiet,
     )
 

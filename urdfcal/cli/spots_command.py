@@ -9,8 +9,9 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import listed, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.inputs import listed, load, positive
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Array3
@@ -25,7 +26,9 @@ def spots(
     images: Annotated[
         list[Path], typer.Argument(metavar="IMAGES", help="Pictures or folders; a folder in a folder is one pose.", show_default=False)
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", metavar="CSV", help="Measurements.", show_default=False)],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="CSV", parser=stated_place, help="Measurements; - is stdout.", show_default=False)
+    ],
     camera: Annotated[
         Path | None,
         typer.Option(metavar="YAML", help="Lens and screen, from urdfcal camera: spots in m on the screen.", show_default=False),
@@ -70,6 +73,7 @@ def spots(
     debug: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Also write each picture with what was found and refused.", show_default=False)
     ] = None,
+    overwrite: Overwrite = False,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
@@ -79,8 +83,9 @@ def spots(
     verbose: Verbose = False,
 ) -> None:
     """Find the laser spots in pictures, to sub-pixel, and write them as measurements."""
-    from urdfcal.base.files import write_together
     from urdfcal.base.tables import read_table
+    from urdfcal.base.whole_files import folder_whole
+    from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.vision.camera.camera_file import read_camera
     from urdfcal.vision.pictures import by_pose, image_files, read_picture
     from urdfcal.vision.spots.detector import SpotLimits
@@ -100,7 +105,13 @@ def spots(
     arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
     names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
+    require_no_json(as_json, output)
+    output = named(output, "measurements.csv")
+    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
     require_places(output, inputs=(camera, poses, robot, dark, *files))
+    made_of = inputs_sha256((*files, camera, poses, robot, dark))
+    if not overwrite:
+        require_marked(output, (made_of,), "result of urdfcal spots from the same files")
     table = read_table(poses, "a column a joint", "one row a pose") if poses else None
     groups = by_pose(files, images, frames, known_labels(table) if table else ())  # type: ignore[arg-type]
     if debug is not None:
@@ -137,14 +148,15 @@ def spots(
         table=table,
         rows=rows,
         comments=[
-            "laser spots found in pictures by urdfcal spots; y, z, sigma in m on the screen; u, v in px, (0, 0) the first pixel's centre"
+            "laser spots found in pictures by urdfcal spots; y, z, sigma in m on the screen; u, v in px, (0, 0) the first pixel's centre; "
+            f"sha256 of what they were found in: {made_of}"
         ],
     )
-    written: dict[str | Path, bytes] = {output: content}
     if debug is not None:
-        debug.mkdir(exist_ok=True)
-        written |= found.drawings(groups, debug)
-    write_together(written)
+        with folder_whole(debug) as folder:
+            for place, drawing in found.drawings(groups, folder).items():
+                Path(place).write_bytes(drawing)
+    deliver({output: content})
     warn([*odd, *([by_order] if by_order else []), *found.warnings], quiet)
     counts = {name: sum(name in seen for seen in found.labelled.spots) for name in names}
     say(
@@ -179,9 +191,9 @@ def _nowhere() -> Any:
 
 
 def _require_debug(debug: Path, images: list[Path], files: list[Path], drawings: list[Path], others: tuple[Path | None, ...]) -> None:
-    """Refuse a folder for drawings that cannot be one, and one where a drawing would fall on another file or be taken for a picture."""
-    if not debug.parent.is_dir() or (debug.exists() and not debug.is_dir()):
-        raise UsageError(f"{debug}: cannot be made a folder for the drawings of --debug")
+    """Refuse a folder for drawings that cannot be new, and one where a drawing would fall on another file or be taken for a picture."""
+    from urdfcal.base.whole_files import require_new_folder
+
     folder, above = debug.resolve(), {place.resolve() for place in images if place.is_dir()}
     if folder in {path.parent.resolve() for path in files} | above or folder.parent in above:
         raise UsageError(f"--debug {debug}: pictures are looked for there; name another folder, so that no drawing replaces or joins them")
@@ -190,6 +202,7 @@ def _require_debug(debug: Path, images: list[Path], files: list[Path], drawings:
         if place.resolve() in taken or drawings.count(place) > 1:
             what = "another file of this command" if place.resolve() in taken else "another drawing"
             raise UsageError(f"--debug {debug}: a drawing would fall on {place}, {what}; name another folder, or the pictures otherwise")
+    require_new_folder(debug)
 
 
 def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:

@@ -11,11 +11,12 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, load, measured, require_places, rig_file_of
+from urdfcal.cli.inputs import about, load, measured, rig_file_of, stored_calibration
 from urdfcal.cli.options import (
     CameraOption,
     Json,
     Lasers,
+    Overwrite,
     PackageDirs,
     Quiet,
     Reference,
@@ -28,6 +29,7 @@ from urdfcal.cli.options import (
     Verbose,
     XacroArgs,
 )
+from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.output.view.viewer import View
@@ -55,7 +57,12 @@ def view(
     ] = None,
     html: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write one page that works offline, and stop. Default: serve it.", show_default=False),
+        typer.Option(
+            metavar="FILE",
+            parser=stated_place,
+            help="Write one .html page that works offline, and stop; - writes it to stdout. Default: serve it.",
+            show_default=False,
+        ),
     ] = None,
     magnify: Annotated[
         float | None,
@@ -79,6 +86,7 @@ def view(
             show_default=False,
         ),
     ] = None,
+    overwrite: Overwrite = False,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     screen: Screen = None,
     laser: Lasers = None,
@@ -95,6 +103,7 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
+    from urdfcal.output.replaced import require_marked
     from urdfcal.output.view.server import require_address
     from urdfcal.output.view.viewer import view_of
 
@@ -102,10 +111,15 @@ def view(
         raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
     address = (_HOST if host is None else host, _PORT if port is None else port)
     require_address(*address)
+    require_no_json(as_json, html)
     rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
     if html is not None:
+        html = named(html, f"{arm.description.stem}.html")
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
+        require_ending("--html", html, (".html", ".htm"), "a page")
+        if not overwrite:
+            require_marked(html, ('id="urdfcal-scene"',), "page of urdfcal view")
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
     other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
@@ -115,17 +129,18 @@ def view(
     if html is None:
         _serve(seen, *address, no_open, as_json, quiet)
         return
-    seen.write_html(html)
-    size = len(seen.html.encode())
+    page = seen.html.encode()
+    deliver({html: page})
+    size = len(page)
     finish({"html": str(html), "bytes": size} if as_json else None, f"wrote {html} ({size / 1e6:.1f} MB)", quiet)
 
 
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
-    from urdfcal.output.stored import corrected_robot, read_calibration
+    from urdfcal.output.stored import corrected_robot
 
     if path.suffix.lower() not in (".yaml", ".yml"):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None)
-    origins, missing = read_calibration(path).origins_for(arm)
+    origins, missing = stored_calibration(path).origins_for(arm)
     if missing:
         warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
     return corrected_robot(arm, origins)

@@ -15,6 +15,7 @@ from urdfcal.estimation.residual import Linearise
 from urdfcal.estimation.robust import Observations, iteratively_reweighted
 
 ESTIMATORS = ("ekf", "lse", "robust", "evolution")
+_LEAST_R, _MOST = 1e-20, 1e6  # of Q and R, [m^2] and [rad^2]: what numbers can be inverted
 SCHEDULES = ("iterated", "paper")
 USUAL_Q, USUAL_R = 1e-4, 1e-4
 
@@ -50,8 +51,9 @@ class Method:
             raise UsageError(f"no estimator '{self.estimator}'; there are: {', '.join(ESTIMATORS)}")
         if self.schedule not in SCHEDULES:
             raise UsageError(f"no schedule '{self.schedule}'; there are: {', '.join(SCHEDULES)}")
-        if not (self.q >= 0 and self.r > 0):
-            raise UsageError(f"Q must not be negative and R must be above zero, found q = {self.q:g} and r = {self.r:g}")
+        if not (0 <= self.q <= _MOST and _LEAST_R <= self.r <= _MOST):
+            bounds = f"Q must lie between 0 and {_MOST:g} and R between {_LEAST_R:g} and {_MOST:g}"
+            raise UsageError(f"{bounds}, found q = {self.q:g} and r = {self.r:g}")
         if self.estimator != "ekf" and self.schedule == "paper":
             raise UsageError(f"the schedule 'paper' is the EKF's; the estimator '{self.estimator}' has none")
         if not self.as_published and (self.q, self.r) != (USUAL_Q, USUAL_R):

@@ -23,11 +23,18 @@ from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
 
 
-def calibration_yaml(calibration: FitResult, command: Sequence[str]) -> bytes:
-    """A calibration as YAML: provenance, rig, noise, origins, parameters, combinations, spot distances."""
+def calibration_yaml(calibration: FitResult, command: Sequence[str], files: Mapping[str, str] | None = None) -> bytes:
+    """A calibration as YAML: provenance, rig, noise, origins, parameters, combinations, spot distances.
+
+    Args:
+        calibration: What was found.
+        command: The command line, for the record.
+        files: Hashes of the files that are written with it, by their ways from its folder.
+    """
     noise, spot_noise = calibration.estimate.noise, calibration.noise_of("spot")
     content = {
         **_provenance(calibration.robot, command),
+        **({"files": dict(files)} if files else {}),
         "measurements": _data_entry(calibration),
         "estimator": {
             "name": calibration.estimator,

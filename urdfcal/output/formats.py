@@ -18,7 +18,8 @@ from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
 ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
-_FOREIGN = {"urdf": (".yaml", ".yml"), "yaml": (".urdf", ".xacro", ".xml")}  # what a file of the other kind must not be called
+_OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
+_FOREIGN = {"urdf": (".yaml", ".yml", *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
 
 @dataclass(frozen=True)

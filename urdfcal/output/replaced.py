@@ -1,54 +1,91 @@
-"""What stands already where an output is to be written, under a name that nobody stated.
+"""What stands already where an output is to be written: an earlier result of the same inputs gives way, all else stays.
 
-Files of others are left alone; an earlier output of urdfcal gives way, with a word where it is about something else.
+Robot and measurements are the same where their hashes are; a file that was edited by hand is no result any more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.base.files import read_yaml
+from urdfcal.base.opened import unnoted
 from urdfcal.output.calibration_yaml import sha256
+from urdfcal.output.pairs import hashes_in, holds, same_place
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 
-_MAKER = b"urdfcal"
+_WAY_OUT = "--overwrite replaces it, -o names another"
 
 
-def require_ours(places: Iterable[Path], mark: bytes = _MAKER) -> None:
-    """Refuse to replace files that urdfcal has not written.
+def require_marked(place: Path, marks: Iterable[str], what: str) -> None:
+    """Refuse to replace a file that lacks what stands in every earlier result that may give way.
 
     Args:
-        places: Of outputs whose names nobody stated; those that do not exist are free.
-        mark: What stands in every file of that kind that urdfcal writes.
+        place: Of the output; it need not exist.
+        marks: Words that all stand in such a file.
+        what: Such a file, in words.
+
+    Raises:
+        UsageError: names the place, and the way out.
+    """
+    if place.is_file() and not _holds_all(place, marks):
+        raise UsageError(f"{place}: is there already and is no {what}; {_WAY_OUT}")
+
+
+def require_same(contents: Mapping[str | Path, bytes]) -> None:
+    """Refuse to replace files that are not what would be written.
 
     Raises:
         UsageError: names the first of them, and the way out.
     """
-    for place in places:
-        if place.is_file() and mark not in place.read_bytes():
-            raise UsageError(f"{place}: is there already and is no earlier output of this command; move it away or name another with -o")
+    for place, content in contents.items():
+        if Path(place).is_file() and not holds(Path(place), sha256(content)):
+            raise UsageError(f"{place}: is there already and holds something else; {_WAY_OUT}")
 
 
-def replaced(place: Path, robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """What to say of a calibration that another one is about to replace; nothing where it is of the same robot and measurements.
+def inputs_sha256(paths: Iterable[Path | None]) -> str:
+    """One hash of the files that a result is made of, as far as they are there: a result that names it is an earlier one of the same."""
+    found = [path for path in paths if path is not None and path.is_file()]
+    return hashlib.sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in found)).hexdigest()
+
+
+def require_earlier(record: Path, places: Iterable[Path], robot: Robot, data: Measurements) -> None:
+    """Refuse to replace what an earlier fit of the same robot and measurements has not written.
 
     Args:
-        place: Where the file of a calibration is to be written; it need not exist.
-        robot: What is calibrated now.
+        record: Where the calibration goes.
+        places: Where the files beside it go.
+        robot: What is calibrated.
         data: What it is calibrated by.
+
+    Raises:
+        UsageError: names the first file that is another's, or was edited, and the way out.
     """
+    with unnoted():
+        said = _hashes_of_earlier(record, robot, data) if record.is_file() else {}
+        for place in (place for place in places if place.is_file()):
+            known = next((its for other, its in said.items() if same_place(other, place)), None)
+            if known is not None and not holds(place, known):
+                raise UsageError(f"{place}: is not what {record} was written with: it was edited since, or a run was cut short; {_WAY_OUT}")
+            if known is None and not _holds_all(place, (sha256(robot.description.text), data.sha256 or "-")):
+                raise UsageError(f"{place}: is there already and is no earlier result of this robot and these measurements; {_WAY_OUT}")
+
+
+def _hashes_of_earlier(record: Path, robot: Robot, data: Measurements) -> dict[Path, str]:
     try:
-        before = read_yaml(place, CalibrationFileError).content if place.exists() else None
+        before = read_yaml(record, CalibrationFileError).content
     except CalibrationFileError:
-        return (f"{place}, which cannot be read, is replaced",)
-    if not isinstance(before, dict):
-        return ()
+        before = None
+    if not isinstance(before, dict) or not {"urdfcal", "joints"} <= before.keys():
+        raise UsageError(f"{record}: is there already and is no calibration by urdfcal; {_WAY_OUT}")
     of = _other_robot(_entry(before, "robot"), robot) + _other_measurements(_entry(before, "measurements"), data)
-    return (f"{place}, a calibration {' and '.join(of)}, is replaced, and what stands beside it; -o OUT keeps both",) if of else ()
+    if of:
+        raise UsageError(f"{record}: is a calibration {' and '.join(of)}; {_WAY_OUT}")
+    return hashes_in(record, before)
 
 
 def _other_robot(before: dict[str, Any], robot: Robot) -> list[str]:
@@ -73,3 +110,9 @@ def _told(before: dict[str, Any], behind: str) -> str:
 def _entry(content: dict[str, Any], name: str) -> dict[str, Any]:
     found = content.get(name)
     return found if isinstance(found, dict) else {}
+
+
+def _holds_all(place: Path, marks: Iterable[str]) -> bool:
+    with unnoted():
+        content = place.read_bytes()
+    return all(mark.encode() in content for mark in marks)

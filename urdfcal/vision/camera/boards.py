@@ -30,6 +30,7 @@ LEAST_CORNERS = 3
 _NEAR = (-2, -1, 0, 1, 2)  # by how many corners people miscount
 _LEAST_CHARUCO = 6
 _WINDOW = 0.3  # of the distance to the next corner
+_SHORTEST_PX = 16  # OpenCV fails on less, and no board can be seen in it
 _LONGEST_PX = 1600  # larger pictures are shrunk for finding the board, not for measuring it
 _LEAST_WINDOW_PX, _MOST_WINDOW_PX = 2, 11
 _SETTLED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
@@ -101,6 +102,8 @@ class Chessboard:
 
     def find_grid(self, picture: Grey, thorough: bool = True) -> Array3 | None:
         """Rough corners (rows, columns, 2) in pixels; `thorough` also tries the slower of OpenCV's two ways."""
+        if min(picture.shape) < _SHORTEST_PX:
+            return None
         shrink = max(1.0, max(picture.shape) / _LONGEST_PX)
         small = picture if shrink == 1 else cv2.resize(picture, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
         pattern = (self.columns, self.rows)
