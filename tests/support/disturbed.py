@@ -94,12 +94,15 @@ def disturbed_arm(
     real = _Real(setup, what, size, rng)
     clock = np.concatenate([np.linspace(-0.5, 0.5, poses), np.zeros(unseen)])
     true = real.read(blank, clock, measured=np.arange(total) < poses)
-    joints = rng.normal(0, size, q.shape) * (np.arange(total) < poses)[:, None] if what == "joint_noise" else 0.0
+    turning = np.array([not joint.prismatic for joint in robot.chain.inputs])
+    joints = rng.normal(0, size, q.shape) * turning * (np.arange(total) < poses)[:, None] if what == "joint_noise" else 0.0
     noisy = replace(true, q=q + joints, readings=tuple(_noisy(one, rng) for one in true.readings))
     noisy = replace(noisy.subset(np.arange(poses)), approach=real.approach[:poses] if what == "approach" else None)
     if what == "temperature":
         noisy = replace(noisy, temperature=20 + 10 * (clock[:poses] + 0.5))
     perfect = true.subset(np.arange(poses, total))
+    if what == "approach" and real.approach is not None:
+        perfect = replace(perfect, approach=real.approach[poses:])
     return DisturbedArm(robot, setup.errors, setup.x, noisy, perfect)
 
 

@@ -306,7 +306,7 @@ class FitTask:
             interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, self.gravity))
             answers = interview.answers(HEARD)
             fitted = replace(fitted, interview=interview, answers=tuple(answers))
-            wanted = next((answer for answer in answers if answer.enters and answer.name not in tried), None)
+            wanted = next((own for number, own in enumerate(answers) if own.enters(answers[:number]) and own.name not in tried), None)
             if wanted is None or len(fitted.entered) == _MOST_ENTERED:
                 return fitted
             tried.add(wanted.name)

@@ -200,7 +200,9 @@ class _Setup:
         out = self.calibration.stands_out
         wanted = [own.what for own in out] if extras is None else extras
         found = {extra: extra_terms(self.chain, [extra]) for extra in EXTRAS if extra in wanted}
-        gears = list(dict.fromkeys((own.where, own.cycles) for own in out if own.cycles)) if extras is None else []
+        turning = [joint.name for joint in self.chain.inputs if not joint.prismatic]
+        cycles = dict.fromkeys(own.cycles for own in out if own.cycles) if extras is None else {}
+        gears = [(joint, number) for number in cycles for joint in turning]  # what one joint has, its likes may have
         return found | ({"harmonics": gear_terms(self.chain, gears)} if gears else {})
 
     def foretells(self, fitted: _Fitted) -> float:

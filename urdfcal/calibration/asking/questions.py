@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,10 +62,26 @@ class Answer:
     noise: Array3 | None = field(default=None, repr=False)
     joint_sigma: float = 0.0
 
+    def enters(self, before: Sequence[Answer]) -> bool:
+        """Whether it is surely there, and belongs into the fit and not into a compensation: the rig does it, or it is noise.
+
+        What goes with the pose, as the arm's doings do, cannot be told from those in a fit that does not know of them.
+
+        Args:
+            before: What stands out more.
+        """
+        known = not any(answer.of_the_arm for answer in before) or self.goes_with_time
+        return not self.of_the_arm and known and self.gain >= NAMED
+
     @property
-    def enters(self) -> bool:
-        """Whether it is surely there, and belongs into the fit and not into a compensation: the rig does it, or it is noise."""
-        return bool(self.rig or self.joint_sigma) and self.gain >= NAMED
+    def of_the_arm(self) -> bool:
+        """Whether the arm does it."""
+        return not self.rig and not self.joint_sigma
+
+    @property
+    def goes_with_time(self) -> bool:
+        """Whether it has nothing to do with where the arm is."""
+        return self.what in ("joint_noise", "drift", "temperature")
 
     def within(self, fitted: Fitted) -> Fitted:
         """A fit with this in it."""
