@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import InputError, UsageError
+from urdfcal.base.reading import YAML, content_of
 
 
 def write_whole(path: str | Path, content: bytes) -> None:
@@ -113,9 +114,7 @@ def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:
 
 def _text(path: Path, error: type[InputError]) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except OSError as trouble:
-        raise error(f"cannot be read: {trouble.strerror or trouble}", path) from None
+        return content_of(path, YAML, error).decode("utf-8-sig")
     except UnicodeDecodeError as trouble:
         raise error("is not UTF-8 text; save it as UTF-8", path, trouble.object[: trouble.start].count(b"\n") + 1) from None
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from urdfcal.base.errors import RobotError
+from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.robot.packages import find_package, resolve_uri
 from urdfcal.robot.xacro_faults import refuse_macros_alone, refuse_unknown_arguments, xacro_fault
 
@@ -107,10 +108,7 @@ def refuse_entities(text: bytes, path: str | Path) -> frozenset[str]:
 
 
 def _read_bytes(path: str | Path) -> bytes:
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise RobotError(f"cannot be read: {error.strerror or error}", path) from None
+    return content_of(path, DESCRIPTION, RobotError)
 
 
 def _expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, ...]) -> bytes:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import InputError, UsageError
+from urdfcal.vision.picture_file import picture_content
 
 Grey = npt.NDArray[np.uint8]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
@@ -66,10 +67,7 @@ def read_grey(path: str | Path) -> Grey:
     Raises:
         InputError: the file cannot be read as a picture.
     """
-    try:
-        content = np.frombuffer(Path(path).read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
+    content = picture_content(path)
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # OpenCV would add lines of its own about broken files
     try:
         picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
@@ -143,11 +141,7 @@ def read_picture(path: str | Path, size: tuple[int, int] | None = None) -> Pictu
     Raises:
         InputError: it cannot be read, or is of another size.
     """
-    try:
-        content = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
-    pixels = decoded(content)
+    pixels = decoded(picture_content(path))
     if pixels is None:
         raise InputError(f"cannot be read as a picture; expected one of {' '.join(SUFFIXES)}", path)
     if size is not None and (pixels.shape[1], pixels.shape[0]) != tuple(size):
