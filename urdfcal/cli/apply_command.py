@@ -9,7 +9,7 @@ import typer
 
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, expanded_note, listed, load, require_places
-from urdfcal.cli.options import Formats, Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
+from urdfcal.cli.options import Formats, Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs, XacroLimits
 
 
 def apply(
@@ -28,6 +28,7 @@ def apply(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -42,7 +43,7 @@ def apply(
     from urdfcal.output.replaced import require_ours
     from urdfcal.output.stored import read_calibration
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
     plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)

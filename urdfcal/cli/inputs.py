@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,14 @@ if TYPE_CHECKING:
     from urdfcal.model.options import ModelOptions
     from urdfcal.model.parameters import Kind, PriorScale
     from urdfcal.robot.robot import Robot
+    from urdfcal.robot.xacro_child import XacroLimit
     from urdfcal.sensors.measurements import Measurements
 
 
 _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
 MOST_DEGREES = 90.0
+_XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
+_LEAST_GB = 0.1  # Python and xacro themselves
 
 
 def load(
@@ -30,11 +34,13 @@ def load(
     screen: str | None,
     lasers: list[str] | None,
     rig: RigFile | None = None,
+    *,
+    xacro_limit: str | None = None,
 ) -> Robot:
     """The robot that a command line names.
 
     Raises:
-        UsageError: a --xacro-arg is no NAME:=VALUE.
+        UsageError: a --xacro-arg is no NAME:=VALUE, or --xacro-limit is no limit.
         RobotError: the file is not a robot that can be loaded.
     """
     from urdfcal.robot.robot import load_robot
@@ -51,7 +57,21 @@ def load(
         package_dirs=package_dirs or (),
         screen=screen or (rig.screen if rig else None),
         lasers=lasers or (rig.lasers if rig else None),
+        xacro_limit=_xacro_limit(xacro_limit),
     )
+
+
+def _xacro_limit(text: str | None) -> XacroLimit:
+    """What --xacro-limit allows."""
+    from urdfcal.robot.xacro_child import XacroLimit
+
+    if text is None:
+        return XacroLimit()
+    match = _XACRO_LIMIT.fullmatch("".join(text.split()))
+    limit = XacroLimit(float(match[1]), float(match[2] or XacroLimit.gigabytes)) if match else XacroLimit(0, 0)
+    if not 0 < limit.seconds <= _MOST or not _LEAST_GB <= limit.gigabytes <= _MOST:
+        raise UsageError(f"--xacro-limit {text}: expected a time and a memory of at least {_LEAST_GB:g}GB, such as 60s,4GB")
+    return limit
 
 
 def measured(

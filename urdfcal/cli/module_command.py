@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 
 
 def module(
@@ -36,6 +36,7 @@ def module(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -54,7 +55,7 @@ def module(
         raise UsageError(f"--squareness-deg {squareness_deg:g}: expected a number from 0 to 45")
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_places(output, inputs=(bench, robot))
-    arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit) if robot else None
     table = read_table(bench, "distance, <laser>.x, <laser>.y", "one row a distance")
     readings = readings_from(table)
     result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)

@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
 from urdfcal.cli.inputs import about, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix
@@ -69,6 +69,7 @@ def render(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -86,7 +87,7 @@ def render(
     from urdfcal.vision.render.pictures import Studio, pictures, png, truth_csv
     from urdfcal.vision.render.usual_camera import usual_camera
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
     say(verbose, about(arm))
     words = [word.strip() for word in colours.split(",")]
     for word in words:

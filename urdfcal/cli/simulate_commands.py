@@ -11,7 +11,20 @@ from typer.core import TyperCommand
 
 from urdfcal.cli.console import ProgressBar, finish, say, show, warn
 from urdfcal.cli.inputs import about, arm7_file, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Payloads, Quiet, Reference, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.options import (
+    Json,
+    Lasers,
+    PackageDirs,
+    Payloads,
+    Quiet,
+    Reference,
+    RobotFile,
+    Screen,
+    Seed,
+    Verbose,
+    XacroArgs,
+    XacroLimits,
+)
 
 if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
@@ -92,6 +105,7 @@ def simulate(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -115,7 +129,7 @@ def simulate(
     from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     require_places(output, truth_file, inputs=(robot,))
     require_ours([truth_file])
@@ -204,6 +218,7 @@ def paper(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -214,7 +229,7 @@ def paper(
     from urdfcal.output.text.paper import paper_blocks, paper_json
     from urdfcal.simulation.paper import paper_tables
 
-    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser)
+    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
     say(verbose, about(arm))
     with ProgressBar("simulating", runs, quiet or as_json) as advance:
         lines = paper_tables(arm, runs, seed, advance)

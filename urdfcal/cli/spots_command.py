@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
 from urdfcal.cli.inputs import listed, load, positive, require_places
-from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Array3
@@ -73,6 +73,7 @@ def spots(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -97,7 +98,7 @@ def spots(
         raise UsageError("--screen, --xacro-arg and --package-dir are about a robot: name it with --robot, or leave them out")
     if camera is None and screen_size_m is not None:
         raise UsageError("--screen-size-m needs --camera: pixels alone do not say where on the screen a spot lies")
-    arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit) if robot else None
     names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
     require_places(output, inputs=(camera, poses, robot, dark, *files))
