@@ -43,7 +43,7 @@ def apply(
     from urdfcal.output.replaced import require_ours
     from urdfcal.output.stored import read_calibration
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
     plan = deployment(output_format or (), output, arm.description.stem, ur_hash_from)

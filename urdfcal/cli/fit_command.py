@@ -203,7 +203,7 @@ def fit(
         return np.random.default_rng(seed)
 
     rig_file = rig_file_of(rig, reference_known, target_known)
-    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit)
+    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     inputs = (robot, measurements, rig, test, ur_hash_from, camera, after)
     require_places(*outputs.places.values(), inputs=inputs)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import urdfcal
 from urdfcal.base.errors import UsageError
+from urdfcal.cli.console import warn
 
 if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile
@@ -36,8 +37,9 @@ def load(
     rig: RigFile | None = None,
     *,
     xacro_limit: str | None = None,
+    quiet: bool = True,
 ) -> Robot:
-    """The robot that a command line names.
+    """The robot that a command line names; what is left out of it is said unless it is to be quiet.
 
     Raises:
         UsageError: a --xacro-arg is no NAME:=VALUE, or --xacro-limit is no limit.
@@ -51,7 +53,7 @@ def load(
         if not mark or not name:
             raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
         arguments[name] = value
-    return load_robot(
+    robot = load_robot(
         path,
         xacro_args=arguments,
         package_dirs=package_dirs or (),
@@ -59,6 +61,8 @@ def load(
         lasers=lasers or (rig.lasers if rig else None),
         xacro_limit=_xacro_limit(xacro_limit),
     )
+    warn([f"{robot.tree.label}: {line}" for line in robot.tree.warnings], quiet)
+    return robot
 
 
 def _xacro_limit(text: str | None) -> XacroLimit:

@@ -80,7 +80,7 @@ def evaluate(
 
     rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = measured(
-        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit),
+        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet),
         measurements,
         rig_file,
         reference,
@@ -142,7 +142,7 @@ def check(
 
     rig_file = rig_file_of(rig, reference_known, target_known)
     arm, data = measured(
-        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit),
+        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet),
         measurements,
         rig_file,
         reference,
@@ -196,7 +196,7 @@ def dh(
 
     if reference is not None and tip is None:
         raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if tip is not None:
         label = f"{tip}:tip" if tip in arm.tree.joints else tip  # a joint of that name has parameters of its own
         arm = arm.seen_by(Instruments((InstrumentTarget(label, tip, SIX),), reference or "", True), ())

@@ -55,7 +55,7 @@ def module(
         raise UsageError(f"--squareness-deg {squareness_deg:g}: expected a number from 0 to 45")
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_places(output, inputs=(bench, robot))
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet) if robot else None
     table = read_table(bench, "distance, <laser>.x, <laser>.y", "one row a distance")
     readings = readings_from(table)
     result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)

@@ -87,7 +87,7 @@ def render(
     from urdfcal.vision.render.pictures import Studio, pictures, png, truth_csv
     from urdfcal.vision.render.usual_camera import usual_camera
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     say(verbose, about(arm))
     words = [word.strip() for word in colours.split(",")]
     for word in words:

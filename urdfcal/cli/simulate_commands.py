@@ -129,7 +129,7 @@ def simulate(
     from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     truth_file = output.parent / f"{output.stem}_truth.yaml"
     require_places(output, truth_file, inputs=(robot,))
     require_ours([truth_file])
@@ -229,7 +229,7 @@ def paper(
     from urdfcal.output.text.paper import paper_blocks, paper_json
     from urdfcal.simulation.paper import paper_tables
 
-    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit)
+    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     say(verbose, about(arm))
     with ProgressBar("simulating", runs, quiet or as_json) as advance:
         lines = paper_tables(arm, runs, seed, advance)

@@ -98,7 +98,7 @@ def spots(
         raise UsageError("--screen, --xacro-arg and --package-dir are about a robot: name it with --robot, or leave them out")
     if camera is None and screen_size_m is not None:
         raise UsageError("--screen-size-m needs --camera: pixels alone do not say where on the screen a spot lies")
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet) if robot else None
     names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
     require_places(output, inputs=(camera, poses, robot, dark, *files))

@@ -102,7 +102,7 @@ def view(
     if html is not None and (port is not None or host is not None):
         raise UsageError("--port and --host are about serving the page, --html writes it and stops; use one of the two")
     rig_file = rig_file_of(rig, reference_known, target_known)
-    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit), None
+    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet), None
     if html is not None:
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
     if measurements is not None:
