@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
 
 
+_MOST_POSES, _MOST_PLACES, _MOST_RUNS = 100_000, 1000, 10_000  # more take all memory, or days, and nobody measures so many
+
+
 class SimulateCommand(TyperCommand):
     """A command whose help lists the sensors that there are; they are looked up when it is asked for, since that takes its time."""
 
@@ -52,8 +55,8 @@ def simulate(
             "-o", "--output", metavar="CSV", help="Measurements; the truth goes to <stem>_truth.yaml beside them.", show_default=False
         ),
     ],
-    poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
-    test_poses: Annotated[int, typer.Option(min=0, help="Further poses, marked as test in a 'set' column.")] = 0,
+    poses: Annotated[int, typer.Option(min=1, max=_MOST_POSES, help="How many poses.")] = 60,
+    test_poses: Annotated[int, typer.Option(min=0, max=_MOST_POSES, help="Further poses, marked as test in a 'set' column.")] = 0,
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
@@ -94,7 +97,9 @@ def simulate(
         float, typer.Option(help="Noise in mm of a point's coordinate and of a distance, and how far a touch is off.")
     ] = 0.1,
     orientation_noise_deg: Annotated[float, typer.Option(help="Noise of an orientation about each axis in deg.")] = 0.02,
-    places: Annotated[int, typer.Option(min=1, help="How many planes, and how many sockets, a target touches in turn.")] = 4,
+    places: Annotated[
+        int, typer.Option(min=1, max=_MOST_PLACES, help="How many planes, and how many sockets, a target touches in turn.")
+    ] = 4,
     reference: Reference = None,
     reference_known: Annotated[
         bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
@@ -214,7 +219,7 @@ def paper(
         Path | None,
         typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
     ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Draws of poses and noise that are averaged.")] = 5,
+    runs: Annotated[int, typer.Option(min=1, max=_MOST_RUNS, help="Draws of poses and noise that are averaged.")] = 5,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
