@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import InputError, UsageError
+from urdfcal.base.native import native_stderr
 from urdfcal.vision.picture_file import picture_content
 
 Grey = npt.NDArray[np.uint8]
@@ -70,7 +71,8 @@ def read_grey(path: str | Path) -> Grey:
     content = picture_content(path)
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # OpenCV would add lines of its own about broken files
     try:
-        picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
+        with native_stderr():  # libpng and libjpeg print theirs past OpenCV
+            picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
     except cv2.error:
         picture = None
     if picture is None:
@@ -159,7 +161,8 @@ def decoded(content: npt.NDArray[np.uint8]) -> npt.NDArray[np.generic] | None:
         return None
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # OpenCV would add lines of its own about broken files
     try:
-        pixels = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+        with native_stderr():
+            pixels = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         return None
     return None if pixels is None or pixels.dtype not in (np.uint8, np.uint16) else pixels

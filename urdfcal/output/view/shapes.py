@@ -16,9 +16,10 @@ from lxml import etree
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
+from urdfcal.base.native import native_stderr
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import resolve_uri
-from urdfcal.robot.pinocchio_model import native_stderr, without_its_source
+from urdfcal.robot.pinocchio_model import without_its_source
 from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
