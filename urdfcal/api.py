@@ -34,6 +34,7 @@ from urdfcal.output.text.result import text_report
 from urdfcal.robot.corrections import Applicable
 from urdfcal.robot.robot import Robot, load_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.robot.xacro_child import XacroLimit
 from urdfcal.sensors.measurements import Measurements, measurements_from
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
 
@@ -56,6 +57,7 @@ __all__ = [
     "UrdfcalError",
     "UsageError",
     "Verdict",
+    "XacroLimit",
     "__version__",
     "apply",
     "evaluate",

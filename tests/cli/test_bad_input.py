@@ -308,3 +308,14 @@ def test_the_files_behind_the_cases_are_good(run_cli: Callable[..., CliResult], 
     (tmp_path / "m.csv").write_text(CSV)
     for robot in ("small.urdf", "small.xacro"):
         assert run_cli("evaluate", robot, "m.csv").code == 0
+
+
+@pytest.mark.parametrize("option", ["--places", "--poses", "--test-poses"])
+def test_more_than_can_be_simulated_is_refused(option: str, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
+    """Numbers of poses or places that would take all memory are refused before any work, in one line that says how many there can be."""
+    (tmp_path / "small.urdf").write_text(URDF)
+    result = run_cli("simulate", "small.urdf", "-o", "m.csv", option, "1000000000")
+    assert (result.code, len(result.err.splitlines())) == (2, 1)
+    assert option in result.err
+    assert ("1000" if option == "--places" else "100000") in result.err
+    assert not (tmp_path / "m.csv").exists()

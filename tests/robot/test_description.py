@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,7 @@ from tests.support.small_robot import URDF, XACRO
 from urdfcal.base.errors import RobotError
 from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.robot import load_robot
+from urdfcal.robot.xacro_child import XacroLimit
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
@@ -221,14 +224,40 @@ def test_what_xacro_prints_reaches_nobody(tmp_path: Path, capfd: pytest.CaptureF
     assert capfd.readouterr() == ("", "")
 
 
-def test_xacro_is_left_as_it_was(tmp_path: Path) -> None:
-    """After an expansion, also a failed one, xacro has its own functions back."""
-    import xacro as module
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("""${[0] * 10**11}""", r"xacro: takes more than 0\.5 GB of memory; allow more with --xacro-limit"),
+        ("""${'x' * 10**10}""", r"xacro: takes more than 0\.5 GB of memory; allow more with --xacro-limit"),
+        ("""${[i for i in range(10**12) if i == -1]}""", r"xacro: not expanded after 3 s; allow more with --xacro-limit"),
+        ("""${'x' * 10**8}""", r"xacro: expands to more than 64 MB, which no robot needs"),
+    ],
+)
+def test_an_expansion_is_bounded(tmp_path: Path, body: str, said: str) -> None:
+    """A file whose own Python takes all memory, or never ends, ends in a message, and this process has taken none of it."""
+    path = xacro(tmp_path, f'<link name="a"/><gazebo>{body}</gazebo>')
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(RobotError, match=rf"r\.xacro: {said}"):
+        read_description(path, xacro_limit=XacroLimit(3.0, 0.5))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000
 
-    own = (module.parse, module.abs_filename_spec, module.substitution_args._eval_find)
-    with pytest.raises(RobotError):
-        read_description(xacro(tmp_path, "<xacro:nope/>"))
-    assert (module.parse, module.abs_filename_spec, module.substitution_args._eval_find) == own
+
+def test_the_files_that_xacro_read_are_named(tmp_path: Path) -> None:
+    """A description knows the files that it includes, those that they include, too; a plain URDF has none."""
+    _written(tmp_path / "deep.xacro", HEAD + '<link name="b"/></robot>')
+    _written(tmp_path / "part.xacro", HEAD + '<xacro:include filename="deep.xacro"/></robot>')
+    found = read_description(xacro(tmp_path, '<xacro:include filename="part.xacro"/><link name="a"/>'))
+    assert found.included == (tmp_path / "part.xacro", tmp_path / "deep.xacro")
+    assert read_description(_written(tmp_path / "small.urdf", URDF)).included == ()
+
+
+def test_modules_beside_the_user_are_not_the_childs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A json.py or an XML package in the folder where the user stands is not imported for xacro."""
+    for name in ("json.py", "xacro.py", "base64.py"):
+        (tmp_path / name).write_text("raise SystemExit(9)")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
+    assert b'<link name="a"' in read_description(xacro(tmp_path, '<link name="a"/>')).text
 
 
 UNREADABLE = {

@@ -97,3 +97,44 @@ def test_shapes_that_cannot_be_read_are_no_harm(visual: str, tmp_path: Path, cap
     assert "tool" in shapes.simple
     assert not re.search(r"project|\.cpp|at line", " ".join(shapes.warnings))
     assert capfd.readouterr() == ("", "")
+
+
+NO_NUMBERS = ("nan", "-inf", "1e400", "1e7", "0x10", "one")
+BESIDE = {
+    "inertial": '<inertial><origin xyz="0 0 0"/><mass value="BAD"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>',
+    "inertia": '<inertial><mass value="1"/><inertia ixx="BAD" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>',
+    "visual": '<visual><geometry><box size="1 BAD 1"/></geometry></visual>',
+    "scale": '<visual><geometry><mesh filename="a.stl" scale="BAD 1 1"/></geometry></visual>',
+    "collision": '<collision><origin xyz="BAD 0 0"/><geometry><sphere radius="1"/></geometry></collision>',
+}
+
+
+@pytest.mark.parametrize("bad", NO_NUMBERS)
+@pytest.mark.parametrize("where", BESIDE)
+def test_what_hangs_on_no_number_is_left_out_and_said(where: str, bad: str) -> None:
+    """A mass or a shape whose numbers are none leaves the robot as it is without it, and one line names link, line and number."""
+    text = URDF.replace('<link name="upper"/>', f'<link name="upper">{BESIDE[where].replace("BAD", bad)}</link>')
+    robot, bare = robot_of(text), robot_of(URDF)
+    assert robot.model == bare.model
+    (line,) = robot.tree.warnings
+    assert re.fullmatch(
+        rf"link 'upper': the <\w+> on line 5 is left out: \w+: '{re.escape(bad)}' is (not a finite number|beyond 1e\+06)", line
+    )
+    good = robot_of(text.replace(bad, "0.5"))
+    assert good.tree.warnings == ()
+
+
+@pytest.mark.parametrize("bad", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "part", ['xyz="0 0 0.2"', 'xyz="0.05 0.04 0.02"', 'rpy="0.1 0 0"', 'xyz="0 1 0"', 'lower="0"', '<axis xyz="0 0 1"/>\n']
+)
+def test_a_joint_is_made_of_numbers(part: str, bad: str) -> None:
+    """A number of any joint that is none is refused in one line that names the joint; only a limit may be as far as one likes."""
+    broken = URDF.replace(part, re.sub(r"[\d.]+", bad, part, count=1), 1)
+    assert broken != URDF
+    if "lower" in part and bad == "1e7":
+        broken = broken.replace('lower="1e7"', 'lower="-1e7"')
+        assert robot_of(broken).tree.joints["slide"].lower == -1e6
+        return
+    with pytest.raises(RobotError, match=rf"small\.urdf:\d+: joint '\w+'.*'{re.escape(bad)}' is (not a finite number|beyond 1e\+06)"):
+        robot_of(broken)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import InputError
+from urdfcal.base.reading import YAML, content_of
 from urdfcal.base.whole_files import require_writable, write_together, write_whole
 
 __all__ = ["YamlFile", "read_yaml", "require_writable", "write_together", "write_whole"]
@@ -55,8 +56,6 @@ def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:
 
 def _text(path: Path, error: type[InputError]) -> str:
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except OSError as trouble:
-        raise error(f"cannot be read: {trouble.strerror or trouble}", path) from None
+        return content_of(path, YAML, error).decode("utf-8-sig")
     except UnicodeDecodeError as trouble:
         raise error("is not UTF-8 text; save it as UTF-8", path, trouble.object[: trouble.start].count(b"\n") + 1) from None

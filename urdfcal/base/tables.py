@@ -21,6 +21,7 @@ import numpy as np
 
 from urdfcal.base.errors import MeasurementError, did_you_mean
 from urdfcal.base.geometry import MM, Mask, Vector
+from urdfcal.base.reading import TABLE, content_of
 
 LENGTHS = {"m": 1.0, "mm": MM}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -158,7 +159,7 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
         MeasurementError: it cannot be read, has no header or no row, or the header is malformed.
     """
     path = Path(path)
-    content = _content(path)
+    content = content_of(path, TABLE, MeasurementError)
     lines = _filled_lines(_text(path, content))
     if not lines:
         raise MeasurementError(f"the file has no header line; expected {header}", path)
@@ -196,13 +197,6 @@ def _digits(number: float) -> str:
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise MeasurementError(f"cannot be read: {error.strerror or error}", path) from None
 
 
 def _text(path: Path, content: bytes) -> str:

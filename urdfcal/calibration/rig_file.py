@@ -40,7 +40,7 @@ from urdfcal.base.geometry import DEG, MM
 from urdfcal.model.options import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.model.parameters import Kind, PriorScale
 from urdfcal.robot.rig import Grid
-from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.registry import WORDS
 
 if TYPE_CHECKING:

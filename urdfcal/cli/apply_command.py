@@ -9,7 +9,21 @@ import typer
 
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, expanded_note, listed, load, stored_calibration
-from urdfcal.cli.options import Formats, Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, UrHash, Verbose, XacroArgs
+from urdfcal.cli.options import (
+    Formats,
+    Json,
+    Lasers,
+    Overwrite,
+    PackageDirs,
+    Quiet,
+    RobotFile,
+    Screen,
+    Seed,
+    UrHash,
+    Verbose,
+    XacroArgs,
+    XacroLimits,
+)
 from urdfcal.cli.places import deliver, require_no_json, require_places, stated_place, told
 
 
@@ -38,6 +52,7 @@ def apply(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -52,7 +67,7 @@ def apply(
     from urdfcal.output.replaced import require_same
 
     require_no_json(as_json, output)
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
     plan = planned_formats(output_format or (), output, arm.description.stem, ur_hash_from)

@@ -60,6 +60,7 @@ from urdfcal.cli.options import (
     UrHash,
     Verbose,
     XacroArgs,
+    XacroLimits,
 )
 from urdfcal.cli.places import deliver, require_no_json, require_places, stated_file, stated_place, told
 
@@ -188,6 +189,7 @@ def fit(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -214,7 +216,7 @@ def fit(
 
     require_no_json(as_json, output)
     rig_file = rig_file_of(rig, reference_known, target_known)
-    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file)
+    unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     inputs = (robot, measurements, rig, test, ur_hash_from, camera, after)
     require_places(*outputs.places.values(), inputs=inputs)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import urdfcal
 from urdfcal.base.errors import UsageError
+from urdfcal.base.opened import note
 from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
@@ -18,11 +20,14 @@ if TYPE_CHECKING:
     from urdfcal.model.parameters import Kind, PriorScale
     from urdfcal.output.stored import StoredCalibration
     from urdfcal.robot.robot import Robot
+    from urdfcal.robot.xacro_child import XacroLimit
     from urdfcal.sensors.measurements import Measurements
 
 
 _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
 MOST_DEGREES = 90.0
+_XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
+_LEAST_GB = 0.1  # Python and xacro themselves
 
 
 def load(
@@ -32,11 +37,14 @@ def load(
     screen: str | None,
     lasers: list[str] | None,
     rig: RigFile | None = None,
+    *,
+    xacro_limit: str | None = None,
+    quiet: bool = True,
 ) -> Robot:
-    """The robot that a command line names.
+    """The robot that a command line names; what is left out of it is said unless it is to be quiet.
 
     Raises:
-        UsageError: a --xacro-arg is no NAME:=VALUE.
+        UsageError: a --xacro-arg is no NAME:=VALUE, or --xacro-limit is no limit.
         RobotError: the file is not a robot that can be loaded.
     """
     from urdfcal.robot.robot import load_robot
@@ -48,13 +56,30 @@ def load(
             raise UsageError(f"--xacro-arg {argument}: expected NAME:=VALUE")
         arguments[name] = value
     warn_if_mixed(path)
-    return load_robot(
+    robot = load_robot(
         path,
         xacro_args=arguments,
         package_dirs=package_dirs or (),
         screen=screen or (rig.screen if rig else None),
         lasers=lasers or (rig.lasers if rig else None),
+        xacro_limit=_xacro_limit(xacro_limit),
     )
+    note(robot.description.included)
+    warn([f"{robot.tree.label}: {line}" for line in robot.tree.warnings], quiet)
+    return robot
+
+
+def _xacro_limit(text: str | None) -> XacroLimit:
+    """What --xacro-limit allows."""
+    from urdfcal.robot.xacro_child import XacroLimit
+
+    if text is None:
+        return XacroLimit()
+    match = _XACRO_LIMIT.fullmatch("".join(text.split()))
+    limit = XacroLimit(float(match[1]), float(match[2] or XacroLimit.gigabytes)) if match else XacroLimit(0, 0)
+    if not 0 < limit.seconds <= _MOST or not _LEAST_GB <= limit.gigabytes <= _MOST:
+        raise UsageError(f"--xacro-limit {text}: expected a time and a memory of at least {_LEAST_GB:g}GB, such as 60s,4GB")
+    return limit
 
 
 def warn_if_mixed(path: Path) -> None:

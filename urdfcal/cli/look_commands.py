@@ -49,6 +49,7 @@ from urdfcal.cli.options import (
     TargetKnown,
     Verbose,
     XacroArgs,
+    XacroLimits,
 )
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ def evaluate(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -78,7 +80,14 @@ def evaluate(
     from urdfcal.output.text.result import spot_table_block, table_json
 
     rig_file = rig_file_of(rig, reference_known, target_known)
-    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    arm, data = measured(
+        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet),
+        measurements,
+        rig_file,
+        reference,
+        target,
+        camera,
+    )
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     say(verbose, about(arm))
     warn((*data.warnings, *beams_that_miss(arm, data)), quiet)
@@ -118,6 +127,7 @@ def check(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -132,7 +142,14 @@ def check(
     from urdfcal.output.text.check import check_blocks, check_json
 
     rig_file = rig_file_of(rig, reference_known, target_known)
-    arm, data = measured(load(robot, xacro_arg, package_dir, screen, laser, rig_file), measurements, rig_file, reference, target, camera)
+    arm, data = measured(
+        load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet),
+        measurements,
+        rig_file,
+        reference,
+        target,
+        camera,
+    )
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     say(verbose, about(arm))
     require_lasers_for(data, estimate, screen=screen, laser=laser)
@@ -164,6 +181,7 @@ def dh(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -179,7 +197,7 @@ def dh(
 
     if reference is not None and tip is None:
         raise UsageError("--reference names where the chain to --tip LINK begins; without --tip it means nothing")
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if tip is not None:
         label = f"{tip}:tip" if tip in arm.tree.joints else tip  # a joint of that name has parameters of its own
         arm = arm.seen_by(Instruments((InstrumentTarget(label, tip, SIX),), reference or "", True), ())

@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import load, positive
-from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 
@@ -43,6 +43,7 @@ def module(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -67,7 +68,7 @@ def module(
     made_of = inputs_sha256((bench, robot))
     if not overwrite:
         require_marked(output, (made_of,), "module that was found from the same files")
-    arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet) if robot else None
     table = read_table(bench, "distance, <laser>.x, <laser>.y", "one row a distance")
     readings = readings_from(table)
     result, left_out, doubtful = beams_without_misreadings(readings, np.radians(squareness_deg), None if noise is None else noise * 1e-3)

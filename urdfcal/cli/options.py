@@ -17,6 +17,15 @@ DataFile = Annotated[
 XacroArgs = Annotated[
     list[str] | None, typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False)
 ]
+XacroLimits = Annotated[
+    str | None,
+    typer.Option(
+        "--xacro-limit",
+        metavar="60s,4GB",
+        help="Time and memory that the expansion of a xacro file may take. Default: 60s,4GB.",
+        show_default=False,
+    ),
+]
 PackageDirs = Annotated[
     list[Path] | None,
     typer.Option("--package-dir", metavar="DIR", help="Folder in which packages are looked for first; repeatable.", show_default=False),

@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
 from urdfcal.cli.inputs import about, load, positive, stored_calibration
-from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, require_places
 
 if TYPE_CHECKING:
@@ -71,6 +71,7 @@ def render(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -89,7 +90,7 @@ def render(
     from urdfcal.vision.render.pictures import Studio, pictures, png, truth_csv
     from urdfcal.vision.render.usual_camera import usual_camera
 
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     say(verbose, about(arm))
     words = [word.strip() for word in colours.split(",")]
     for word in words:

@@ -24,11 +24,15 @@ from urdfcal.cli.options import (
     Seed,
     Verbose,
     XacroArgs,
+    XacroLimits,
 )
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
+
+
+_MOST_POSES, _MOST_PLACES, _MOST_RUNS = 100_000, 1000, 10_000  # more take all memory, or days, and nobody measures so many
 
 
 class SimulateCommand(TyperCommand):
@@ -59,8 +63,8 @@ def simulate(
             show_default=False,
         ),
     ],
-    poses: Annotated[int, typer.Option(min=1, help="How many poses.")] = 60,
-    test_poses: Annotated[int, typer.Option(min=0, help="Further poses, marked as test in a 'set' column.")] = 0,
+    poses: Annotated[int, typer.Option(min=1, max=_MOST_POSES, help="How many poses.")] = 60,
+    test_poses: Annotated[int, typer.Option(min=0, max=_MOST_POSES, help="Further poses, marked as test in a 'set' column.")] = 0,
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
@@ -101,7 +105,9 @@ def simulate(
         float, typer.Option(help="Noise in mm of a point's coordinate and of a distance, and how far a touch is off.")
     ] = 0.1,
     orientation_noise_deg: Annotated[float, typer.Option(help="Noise of an orientation about each axis in deg.")] = 0.02,
-    places: Annotated[int, typer.Option(min=1, help="How many planes, and how many sockets, a target touches in turn.")] = 4,
+    places: Annotated[
+        int, typer.Option(min=1, max=_MOST_PLACES, help="How many planes, and how many sockets, a target touches in turn.")
+    ] = 4,
     reference: Reference = None,
     reference_known: Annotated[
         bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
@@ -113,6 +119,7 @@ def simulate(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -136,7 +143,7 @@ def simulate(
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
     require_no_json(as_json, output)
-    arm = load(robot, xacro_arg, package_dir, screen, laser)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_simulated.csv")
     require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
@@ -228,10 +235,11 @@ def paper(
         Path | None,
         typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
     ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Draws of poses and noise that are averaged.")] = 5,
+    runs: Annotated[int, typer.Option(min=1, max=_MOST_RUNS, help="Draws of poses and noise that are averaged.")] = 5,
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -242,7 +250,7 @@ def paper(
     from urdfcal.output.text.paper import paper_blocks, paper_json
     from urdfcal.simulation.paper import paper_tables
 
-    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser)
+    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     say(verbose, about(arm))
     with ProgressBar("simulating", runs, quiet or as_json) as advance:
         lines = paper_tables(arm, runs, seed, advance)

@@ -10,7 +10,7 @@ import typer
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
 from urdfcal.cli.inputs import listed, load, positive
-from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs
+from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def spots(
     screen: Screen = None,
     laser: Lasers = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -102,7 +103,7 @@ def spots(
         raise UsageError("--screen, --xacro-arg and --package-dir are about a robot: name it with --robot, or leave them out")
     if camera is None and screen_size_m is not None:
         raise UsageError("--screen-size-m needs --camera: pixels alone do not say where on the screen a spot lies")
-    arm = load(robot, xacro_arg, package_dir, screen, laser) if robot else None
+    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet) if robot else None
     names = _lasers(arm, laser, lasers)
     files = image_files(images, [dark] if dark else [])
     require_no_json(as_json, output)

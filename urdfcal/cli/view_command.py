@@ -28,6 +28,7 @@ from urdfcal.cli.options import (
     TargetKnown,
     Verbose,
     XacroArgs,
+    XacroLimits,
 )
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
@@ -97,6 +98,7 @@ def view(
     camera: CameraOption = None,
     rig: RigOption = None,
     xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
     package_dir: PackageDirs = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -113,7 +115,7 @@ def view(
     require_address(*address)
     require_no_json(as_json, html)
     rig_file = rig_file_of(rig, reference_known, target_known)
-    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file), None
+    arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet), None
     if html is not None:
         html = named(html, f"{arm.description.stem}.html")
         require_places(html, inputs=(robot, measurements, calibrated, rig, camera))

@@ -18,8 +18,8 @@ from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
 from urdfcal.robot.robot import Robot, with_text
-from urdfcal.robot.urdf_tree import FARTHEST
 from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.measurements import Measurements
 
 if TYPE_CHECKING:

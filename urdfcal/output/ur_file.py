@@ -19,7 +19,7 @@ from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import DEG, SE3, distance_mm_mrad, pose
 from urdfcal.output.driver_yaml import UR_JOINTS, other_frames, ur_joints
 from urdfcal.robot.robot import Robot
-from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_xml import FARTHEST
 
 _NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 _SAME_MM, _SAME_MRAD = 1e-3, 1e-3  # what writing the numbers out in decimals leaves

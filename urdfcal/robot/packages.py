@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -122,6 +123,7 @@ def _declared_name(folder: Path) -> str | None:
 
 def _pip_prefix() -> Path:
     """The prefix that the `pin` and `example-robot-data` wheels share."""
-    import pinocchio as pin
-
-    return Path(pin.__file__).resolve().parents[4]
+    found = find_spec("pinocchio")  # not imported, which takes half a second
+    assert found is not None
+    assert found.origin is not None
+    return Path(found.origin).resolve().parents[4]

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import re
-import sys
-import tempfile
-from collections.abc import Iterator
 from typing import Any
 
 import pinocchio as pin
 
 from urdfcal.base.errors import RobotError
+from urdfcal.base.native import native_stderr
 from urdfcal.robot.description import Description
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
@@ -41,24 +37,3 @@ def pinocchio_model(description: Description) -> Any:
 def without_its_source(said: str) -> str:
     """A message of Pinocchio or what it reads with in one line, without where in their own code they raised it."""
     return _OF_ITS_SOURCE.sub("", " ".join(said.split()))
-
-
-@contextlib.contextmanager
-def native_stderr() -> Iterator[list[str]]:
-    """Collect what the C++ readers print straight to file descriptor 2."""
-    said = [""]
-    try:
-        saved = os.dup(2)
-    except OSError:  # there is no stderr to keep clean
-        yield said
-        return
-    sys.stderr.flush()
-    with tempfile.TemporaryFile() as sink:
-        os.dup2(sink.fileno(), 2)
-        try:
-            yield said
-        finally:
-            os.dup2(saved, 2)
-            os.close(saved)
-            sink.seek(0)
-            said[0] = sink.read().decode(errors="replace")

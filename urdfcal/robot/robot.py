@@ -13,6 +13,7 @@ from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.pinocchio_model import pinocchio_model
 from urdfcal.robot.rig import NONE, Instruments, Rig, find_rig
 from urdfcal.robot.urdf_tree import UrdfTree, read_tree
+from urdfcal.robot.xacro_child import USUAL_LIMIT, XacroLimit
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,7 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     screen: str | None = None,
     lasers: Sequence[str] | None = None,
+    xacro_limit: XacroLimit = USUAL_LIMIT,
 ) -> Robot:
     """Load a robot from URDF or xacro; needs neither ROS nor meshes.
 
@@ -83,11 +85,12 @@ def load_robot(
         package_dirs: Folders in which `$(find pkg)` and `package://` look first.
         screen: Screen link; by default the one named `screen`.
         lasers: Laser links in order; by default every link named `laser_<digits>`.
+        xacro_limit: Time and memory that the expansion of a xacro file may take.
 
     Raises:
         RobotError: the file is not a robot that can be loaded; says where and why.
     """
-    return robot_from(read_description(path, xacro_args, package_dirs), screen=screen, lasers=lasers or None)
+    return robot_from(read_description(path, xacro_args, package_dirs, xacro_limit), screen=screen, lasers=lasers or None)
 
 
 def robot_from(description: Description, *, screen: str | None = None, lasers: Sequence[str] | None = None) -> Robot:

@@ -15,13 +15,12 @@ from lxml import etree
 from urdfcal.base.errors import RobotError, no_such
 from urdfcal.base.geometry import SE3, pose
 from urdfcal.robot.description import Description
-from urdfcal.robot.urdf_xml import finite_number, read_xml
+from urdfcal.robot.urdf_xml import FARTHEST, finite_number, left_out, number_fault, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
 _TYPES = (*MOVING, "fixed", "floating", "planar")
 _OF_THE_RIG = re.compile(r"slm|screen|laser_\d+")
-FARTHEST = 1e6  # [m] and [rad]: a number beyond this belongs to no robot, and overflows further on
 
 
 @dataclass(frozen=True)
@@ -77,11 +76,19 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a robot, known to be one tree."""
+    """Links and joints of a robot, known to be one tree.
+
+    Attributes:
+        label: The file, for messages.
+        links: Names, in the file's order.
+        joints: By name, in the file's order.
+        warnings: What links weigh and look like that is left out, since its numbers are none.
+    """
 
     label: str
     links: tuple[str, ...]
     joints: dict[str, UrdfJoint]
+    warnings: tuple[str, ...] = ()
 
     @cached_property
     def by_child(self) -> dict[str, UrdfJoint]:
@@ -138,7 +145,7 @@ def read_tree(description: Description) -> UrdfTree:
     reader.names(root, "joint")
     joints = {joint.name: joint for joint in map(reader.joint, root.findall("joint"))}
     reader.check_tree(links, joints)
-    return UrdfTree(description.label, links, joints)
+    return UrdfTree(description.label, links, joints, tuple(left_out(root).values()))
 
 
 @dataclass(frozen=True)
@@ -240,10 +247,9 @@ class _Reader:
         return value
 
     def near(self, word: str, who: str, line: int | None) -> float:
-        value = self.number(word, who, line)
-        if abs(value) > FARTHEST:
-            raise self.fail(f"{who}: '{word}' is beyond {FARTHEST:g}; expected metres and radians", line)
-        return value
+        if fault := number_fault(word):
+            raise self.fail(f"{who}: {fault}; expected metres and radians" if finite_number(word) else f"{who}: {fault}", line)
+        return float(word)
 
     def direction(self, element: etree._Element | None, who: str) -> tuple[float, ...]:
         axis = self.triple(element, "xyz", who, (1.0, 0.0, 0.0))

@@ -1,4 +1,8 @@
-"""A URDF as XML: read whatever prefixes it leaves undeclared, and pared down to what Pinocchio's reader needs and can take."""
+"""A URDF as XML: read whatever prefixes it leaves undeclared, and pared down to what Pinocchio's reader needs and can take.
+
+One rule for numbers: each is finite, and none is beyond `FARTHEST`. Where the kinematics hang on it (a joint), the file is refused; what
+a link weighs or looks like is kept out as a whole where one of its numbers is no such number, and that is said.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,9 @@ from copy import deepcopy
 from lxml import etree
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+FARTHEST = 1e6  # [m], [rad] and [kg]: a number beyond this belongs to no robot, and overflows further on
+_BESIDE = ("inertial", "visual", "collision")  # under <link>
+_MEASURES = ("xyz", "rpy", "value", "size", "radius", "length", "scale", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _LIMITED = ("revolute", "prismatic")
 _NO_LIMIT = repr(sys.float_info.max)  # the reader takes no infinity
 _READ = ("link", "joint", "material")  # under <robot>
@@ -44,6 +51,33 @@ def finite_number(text: str | None) -> float | None:
     return float(text)
 
 
+def number_fault(word: str) -> str | None:
+    """What keeps a word from being a number of a robot; None for one that is."""
+    value = finite_number(word)
+    if value is None:
+        return f"'{word}' is not a finite number"
+    return f"'{word}' is beyond {FARTHEST:g}" if abs(value) > FARTHEST else None
+
+
+def left_out(root: etree._Element) -> dict[etree._Element, str]:
+    """What links weigh and look like, where a number of it is none: the `<inertial>`, `<visual>` or `<collision>`, and why."""
+    beside = [(link, element) for link in root.iterfind("link") for tag in _BESIDE for element in link.findall(tag)]
+    faults = {element: (link, fault) for link, element in beside if (fault := _first_fault(element))}
+    return {
+        element: f"link '{link.get('name')}': the <{element.tag}> on line {element.sourceline} is left out: {fault}"
+        for element, (link, fault) in faults.items()
+    }
+
+
+def _first_fault(element: etree._Element) -> str | None:
+    for part in element.iter(etree.Element):
+        for name in _MEASURES:
+            for word in part.get(name, "").split():
+                if fault := number_fault(word):
+                    return f"{name}: {fault}"
+    return None
+
+
 def for_pinocchio(root: etree._Element, *, shapes: bool) -> str:
     """A URDF for Pinocchio's reader: the same links, joints and masses, without what it would refuse and nobody here asks it for.
 
@@ -54,6 +88,9 @@ def for_pinocchio(root: etree._Element, *, shapes: bool) -> str:
         shapes: Whether visual and collision shapes are wanted.
     """
     pared = deepcopy(root)
+    for element in left_out(pared):
+        if (above := element.getparent()) is not None:
+            above.remove(element)
     for name in set(pared.attrib) - {"name"}:  # a version, say
         del pared.attrib[name]
     for element in list(pared):

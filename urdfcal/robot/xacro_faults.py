@@ -78,6 +78,11 @@ def _chain(error: BaseException) -> list[BaseException]:
     return chain
 
 
+def memory_ended(error: BaseException) -> bool:
+    """Whether an error that came out of xacro began with memory running out."""
+    return any(isinstance(link, MemoryError) for link in _chain(error))
+
+
 def _cause(error: BaseException) -> str:
     """What xacro has to say; it wraps other errors, ours among them, and sometimes says nothing itself."""
     chain = _chain(error)

@@ -19,7 +19,8 @@ from urdfcal.base.geometry import DEG, Mask, Matrix, Vector
 from urdfcal.base.tables import Table
 from urdfcal.robot.configurations import has_room
 from urdfcal.robot.robot import Robot
-from urdfcal.robot.urdf_tree import FARTHEST, UrdfJoint
+from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.sensor import QUANTITIES
 
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees

@@ -13,7 +13,7 @@ from urdfcal.base.geometry import Labels, Matrix, Vector
 from urdfcal.base.tables import Table, csv_text, read_table
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
-from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
 from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements

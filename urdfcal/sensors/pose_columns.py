@@ -9,7 +9,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.base.tables import Table
-from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.repeats import last_moves
 
 SECONDS = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import MeasurementError, ShapeMismatch
 from urdfcal.base.geometry import DEG, MM, Matrix
+from urdfcal.base.reading import TABLE, content_of
 
 _POSITION = ("measurement_x", "measurement_y", "measurement_z")
 _ANGLES = ("measurement_rx", "measurement_ry", "measurement_rz")
@@ -106,9 +107,7 @@ def pose_table(joints: Sequence[str], q: npt.ArrayLike, link: str, p: npt.ArrayL
 
 def _rows(path: Path, separator: str) -> Iterator[tuple[int, list[str]]]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise MeasurementError(f"cannot be read: {error.strerror or error}", path) from None
+        text = content_of(path, TABLE, MeasurementError).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise MeasurementError("is not UTF-8 text; expected CSV", path) from None
     for number, row in enumerate(csv.reader(io.StringIO(text), delimiter=separator), start=1):

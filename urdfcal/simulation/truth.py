@@ -25,7 +25,7 @@ from urdfcal.model.slots import MODELS
 from urdfcal.model.softness import Term, extra_terms, gravity_terms
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
-from urdfcal.robot.urdf_tree import FARTHEST
+from urdfcal.robot.urdf_xml import FARTHEST
 
 _CONFIGURATIONS = 400
 _MRAD = 1e-3

@@ -20,6 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import InputError, UsageError
+from urdfcal.base.native import native_stderr
+from urdfcal.vision.picture_file import picture_content
 
 Grey = npt.NDArray[np.uint8]
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm")
@@ -66,13 +68,11 @@ def read_grey(path: str | Path) -> Grey:
     Raises:
         InputError: the file cannot be read as a picture.
     """
-    try:
-        content = np.frombuffer(Path(path).read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
+    content = picture_content(path)
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # OpenCV would add lines of its own about broken files
     try:
-        picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
+        with native_stderr():  # libpng and libjpeg print theirs past OpenCV
+            picture = cv2.imdecode(content, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(content) else None
     except cv2.error:
         picture = None
     if picture is None:
@@ -143,11 +143,7 @@ def read_picture(path: str | Path, size: tuple[int, int] | None = None) -> Pictu
     Raises:
         InputError: it cannot be read, or is of another size.
     """
-    try:
-        content = np.frombuffer(Path(path).read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot be read: {error.strerror or error}", path) from None
-    pixels = decoded(content)
+    pixels = decoded(picture_content(path))
     if pixels is None:
         raise InputError(f"cannot be read as a picture; expected one of {' '.join(SUFFIXES)}", path)
     if size is not None and (pixels.shape[1], pixels.shape[0]) != tuple(size):
@@ -165,7 +161,8 @@ def decoded(content: npt.NDArray[np.uint8]) -> npt.NDArray[np.generic] | None:
         return None
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # OpenCV would add lines of its own about broken files
     try:
-        pixels = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+        with native_stderr():
+            pixels = cv2.imdecode(content, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error:
         return None
     return None if pixels is None or pixels.dtype not in (np.uint8, np.uint16) else pixels

@@ -34,9 +34,10 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from urdfcal.base.errors import CalibrationFileError, ShapeMismatch, UsageError
+from urdfcal.base.errors import CalibrationFileError, InputError, ShapeMismatch, UsageError
 from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import MM, Array3, Matrix, Vector
+from urdfcal.base.reading import DESCRIPTION, YAML, content_of
 from urdfcal.calibration.analysis.bent_arm import BentArm
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Softness, Term, is_known
@@ -399,10 +400,9 @@ def _finite(value: Any) -> float:
 
 def _require_pair(path: Path, urdf: Path, expected: str) -> None:
     try:
-        text, own = urdf.read_bytes(), path.read_bytes()
-    except OSError as error:
-        found = f"its URDF {urdf} cannot be read: {error.strerror or error}"
-        raise CalibrationFileError(f"{found}; keep the two files together", path) from None
+        text, own = content_of(urdf, DESCRIPTION), content_of(path, YAML)
+    except InputError as error:
+        raise CalibrationFileError(f"its URDF {error}; keep the two files together", path) from None
     comment = _COMMENT.search(text)
     bare = text[: comment.start()] if comment else text
     if hashlib.sha256(bare).hexdigest() != expected:

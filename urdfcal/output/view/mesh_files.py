@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.base.errors import RobotError
+from urdfcal.base.native import native_stderr
 from urdfcal.output.view.collada import scan_collada
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import is_at_home, resolve_uri
-from urdfcal.robot.pinocchio_model import native_stderr
 from urdfcal.vision.picture_header import KINDS, stated_size
 from urdfcal.vision.pictures import decoded
 

@@ -18,9 +18,10 @@ from lxml import etree
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
+from urdfcal.base.native import native_stderr
 from urdfcal.output.view.mesh_files import MeshFiles, Textures
 from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, size_fault
-from urdfcal.robot.pinocchio_model import native_stderr, without_its_source
+from urdfcal.robot.pinocchio_model import without_its_source
 from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml

@@ -30,6 +30,7 @@ from urdfcal.sensors.camera import Camera, Side
 from urdfcal.sensors.lenses import Lens, intrinsic_names
 
 LARGEST_PX = 100_000
+_SHORTEST_PX = 1.0  # a focal length under which no picture tells directions apart, and numbers overflow
 Finite = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Pixels = Annotated[int, Field(ge=2, le=LARGEST_PX, strict=True)]
@@ -108,8 +109,8 @@ def _camera(entries: CameraEntries) -> Camera:
     if set(found) != set(names):
         raise ValueError(f"entry 'intrinsics': a {entries.lens} lens has {', '.join(names)}, found {', '.join(found) or 'nothing'}")
     fx, fy, cx, cy, *distortion = (found[name] for name in names)
-    if not (fx > 0 and fy > 0):
-        raise ValueError(f"entry 'intrinsics': fx = {fx:g} and fy = {fy:g}, expected positive numbers")
+    if not min(fx, fy) >= _SHORTEST_PX:
+        raise ValueError(f"entry 'intrinsics': fx = {fx:g} and fy = {fy:g}, expected positive numbers of at least {_SHORTEST_PX:g} px")
     screen = entries.screen
     return Camera(
         entries.size_px,

@@ -15,12 +15,14 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.camera.markers import ScreenMarkers
+from urdfcal.vision.render.image_sensor import strips
 
 TINTS = {"red": (1.0, 0.10, 0.07), "green": (0.16, 1.0, 0.22), "blue": (0.06, 0.18, 1.0)}
 Light = npt.NDArray[np.float32]
 _WALL, _INK = 0.3, 0.06  # light of what is beside the screen and of black ink, of the screen's
 _GLOW = 12  # radii of the glow that are drawn
 _FINE = 5  # samples along a side of a pixel
+_BLURRED = 6  # standard widths of the blur beyond which OpenCV carries nothing
 
 
 @dataclass(frozen=True)
@@ -66,21 +68,30 @@ class Beam:
 def backdrop(camera: Camera, lighting: Lighting, markers: ScreenMarkers | None = None) -> Light:
     """The screen without lasers, (h, w, 3)."""
     width, height = camera.size
-    columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    light = np.empty((height, width), np.float32)
+    for strip in strips(height):
+        light[strip] = _unprinted(camera, lighting, strip)
+    if markers is not None:
+        for marker in markers.centres:
+            _print_marker(light, camera, markers, marker)
+    return np.repeat(light[..., None], 3, axis=2)
+
+
+def _unprinted(camera: Camera, lighting: Lighting, strip: slice) -> Matrix:
+    """Some rows of the screen without markers."""
+    width, height = camera.size
+    columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(strip.start, strip.stop, dtype=float))
     spots = camera.spots_of_grid(columns[0], rows[:, 0])
     half = lighting.screen_size / 2
     along = spots @ np.array([np.cos(lighting.angle), np.sin(lighting.angle)]) / half
     light = lighting.level * np.clip(1 + lighting.gradient * np.nan_to_num(along), 0.1, None)
     on_sheet = (np.abs(np.nan_to_num(spots, nan=np.inf)) <= half).all(axis=2)
     light = np.where(on_sheet, light, _WALL * lighting.level)
-    if markers is not None:
-        for marker in markers.centres:
-            _print_marker(light, camera, markers, marker)
     corner = np.hypot(columns - width / 2, rows - height / 2) / np.hypot(width / 2, height / 2)
-    return np.repeat((light * (1 - lighting.vignetting * corner**2)).astype(np.float32)[..., None], 3, axis=2)
+    return np.asarray(light * (1 - lighting.vignetting * corner**2))
 
 
-def _print_marker(light: Matrix, camera: Camera, markers: ScreenMarkers, marker: int) -> None:
+def _print_marker(light: Light, camera: Camera, markers: ScreenMarkers, marker: int) -> None:
     corners = camera.pixels_of_spots(markers.corners_of(marker)[:, 1:])
     if not np.isfinite(corners).all():
         return
@@ -133,12 +144,21 @@ def _add_core(
     if core is None:
         return
     rows, columns = core
-    away = np.nan_to_num(_fine_spots(camera, rows, columns) - spot, nan=1e3)
+    margin = int(np.ceil(_BLURRED * beam.blur_px))  # how far the blur carries light
+    left = columns.start - box[1].start
+    for strip in strips(rows.stop - rows.start):
+        own = slice(rows.start + strip.start, rows.start + strip.stop)
+        seen = slice(max(own.start - margin, rows.start), min(own.stop + margin, rows.stop))
+        light = _core(camera, spot, direction, beam, (seen, columns))[own.start - seen.start :][: own.stop - own.start]
+        shown[own.start - box[0].start : own.stop - box[0].start, left : left + light.shape[1]] += light
+
+
+def _core(camera: Camera, spot: Vector, direction: Vector, beam: Beam, box: tuple[slice, slice]) -> Matrix:
+    """The beam's Gaussian on the pixels of a box, blurred."""
+    away = np.nan_to_num(_fine_spots(camera, *box) - spot, nan=1e3)
     squared = (away**2).sum(axis=-1) - (away @ direction[1:]) ** 2  # squared distance from the beam's axis
     fine = abs(direction[0]) * np.exp(-squared / (2 * beam.width**2))
-    light = _averaged(cv2.GaussianBlur(fine, (0, 0), beam.blur_px * _FINE, borderType=cv2.BORDER_REPLICATE))
-    top, left = rows.start - box[0].start, columns.start - box[1].start
-    shown[top : top + light.shape[0], left : left + light.shape[1]] += light
+    return _averaged(cv2.GaussianBlur(fine, (0, 0), beam.blur_px * _FINE, borderType=cv2.BORDER_REPLICATE))
 
 
 def glare(size: tuple[int, int], count: int, rng: np.random.Generator) -> Light:

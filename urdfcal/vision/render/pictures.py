@@ -120,7 +120,8 @@ def pictures(studio: Studio, beams: LitSpots, rng: np.random.Generator, dark: bo
     if dark:
         yield Shot(-1, 1, studio.sensor.expose(behind, rng, pattern), np.zeros(lasers, dtype=bool))
     for pose in range(n):
-        light = np.asarray(behind + glare(studio.camera.size, studio.glare, rng) if studio.glare else behind.copy(), dtype=np.float32)
+        light = glare(studio.camera.size, studio.glare, rng) if studio.glare else np.zeros_like(behind)
+        light += behind
         shown: Mask = np.asarray(rng.random(lasers) >= studio.missing)
         for index in range(lasers):
             shown[index] = shown[index] and _shine(light, studio, beams, pose, index)

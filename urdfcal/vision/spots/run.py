@@ -151,9 +151,10 @@ def drawn(path: Path, sighting: Sighting, labels: Mapping[str, PixelSpot]) -> by
         sighting: What was found in it.
         labels: The pose's spot of each laser.
     """
+    from urdfcal.vision.picture_file import picture_content
     from urdfcal.vision.pictures import decoded
 
-    pixels = decoded(np.frombuffer(path.read_bytes(), np.uint8))
+    pixels = decoded(picture_content(path))
     assert pixels is not None  # it has been read before
     image = np.ascontiguousarray(pixels if pixels.dtype == np.uint8 else pixels.astype(np.float32) * (255 / 65535), dtype=np.uint8)
     for refused in sighting.refused[:_MOST_REFUSED]:

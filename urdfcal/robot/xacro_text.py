@@ -1,0 +1,93 @@
+"""xacro's work on a file: our package look-up and our refusals, its own expansion. The file's Python runs in this process."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import xml.dom.expatbuilder
+import xml.dom.minidom
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from xml.parsers import expat
+
+from urdfcal.base.errors import InputError, RobotError
+from urdfcal.base.reading import DESCRIPTION, content_of
+from urdfcal.robot.entities import refuse_entities
+from urdfcal.robot.packages import find_package, resolve_uri
+from urdfcal.robot.xacro_faults import memory_ended, refuse_macros_alone, refuse_unknown_arguments, xacro_fault
+
+_EXPANDED = "Expanded from {} by xacro; edit that file, not this one."
+
+
+def expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, ...]) -> tuple[bytes, list[Path]]:
+    """The expanded document, and the files that were read for it.
+
+    Raises:
+        RobotError: what xacro, or a refusal of ours, says of it.
+        MemoryError: it takes more than this process may have.
+    """
+    import xacro
+
+    chatter, sources = io.StringIO(), {path: content_of(path, DESCRIPTION, RobotError)}
+    with _our_look_up(package_dirs, sources), contextlib.redirect_stderr(chatter), contextlib.redirect_stdout(chatter):
+        try:
+            xacro.init_stacks(str(path))
+            document = xacro.parse(None, str(path))
+            xacro.process_doc(document, mappings=dict(xacro_args))
+            comment = document.createComment(re.sub("-+", "-", f" {_EXPANDED.format(path.name)} "))
+            document.insertBefore(comment, document.firstChild)
+            text: bytes = document.toprettyxml(indent="  ", encoding="utf-8")
+        except RobotError:
+            raise
+        except Exception as error:  # xacro runs the file's own Python: anything can come out of it
+            if memory_ended(error):
+                raise MemoryError from None
+            raise xacro_fault(error, xacro.filestack, path) from None
+    read = b"".join(sources.values())
+    refuse_unknown_arguments(path, xacro_args, read)
+    refuse_macros_alone(path, len(document.getElementsByTagName("link")), read)
+    return text, list(sources)
+
+
+def _document(text: bytes) -> xml.dom.minidom.Document:
+    """XML known to be well-formed, for xacro; an undeclared prefix is a part of the name."""
+    try:
+        return xml.dom.minidom.parseString(text)
+    except expat.ExpatError:
+        return xml.dom.expatbuilder.parseString(text, namespaces=False)
+
+
+@contextlib.contextmanager
+def _our_look_up(package_dirs: tuple[Path, ...], sources: dict[Path, bytes]) -> Iterator[None]:
+    """Give xacro our package look-up (its own needs a ROS installation) and our refusal of entities; collect what it reads."""
+    import xacro
+    import xacro.substitution_args
+
+    absolute, parse, find = xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find
+
+    def found(spec: str) -> object:
+        try:
+            return absolute(resolve_uri(spec, package_dirs))
+        except RobotError as error:
+            raise xacro.XacroException(exc=error) from None
+
+    def safe_parse(inp: object, filename: str | None = None) -> object:
+        if inp is not None or filename is None:
+            return parse(inp, filename)
+        try:
+            text = content_of(filename, DESCRIPTION)
+        except InputError as error:
+            xacro.filestack.pop()
+            missing = OSError(f"the included file {str(error).replace(': ', ' ', 1)}")  # which xacro passes over where it is optional
+            raise xacro.XacroException(exc=missing) from None
+        refuse_entities(text, filename)
+        sources[Path(filename)] = text
+        return _document(text)
+
+    xacro.abs_filename_spec, xacro.parse = found, safe_parse
+    xacro.substitution_args._eval_find = lambda name: str(find_package(name, package_dirs))
+    try:
+        yield
+    finally:
+        xacro.abs_filename_spec, xacro.parse, xacro.substitution_args._eval_find = absolute, parse, find
