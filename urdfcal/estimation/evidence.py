@@ -15,8 +15,8 @@ decided it. A sigma that is to hold the truth as often as it says must know of t
 (after Kass and Steffey, Approximate Bayesian inference in conditionally independent hierarchical models, 1989; the wide limit because
 few parameters decide a scale, and its distribution leans to the large side).
 
-Where the joints' sag is estimated, too, its scales are chosen alike, about the joint's axis and across it. They start so small that a
-stiff arm is taken for one: in simulation rigid arms then lose at most 3 % on poses that were not fitted.
+Where joints give way, too, the scales of that are chosen alike: of their sag about the joint's axis and across it, of encoders, gears and
+approach.
 
 gamma counts the parameters that the data, not the prior, decide (MacKay, Bayesian interpolation, 1992). A start value s_g enters as
 nu observations, so that a few poses cannot talk a scale to zero. Groups are the joints' translations, their rotations across the
@@ -36,7 +36,8 @@ from urdfcal.estimation.prior import Prior
 from urdfcal.estimation.residual import Linearisation, Linearise
 
 START_SCALES = {"translation": 0.3e-3, "rotation": 0.7e-3, "zero": 3e-3}  # [m], [rad]: within 2.5 times of real arms'
-SAG_SCALES = {"sag": 1.5e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
+SOFT_SCALES = {"sag": 1.5e-3, "sag across": 0.15e-3}  # [rad] of the joints' deflections, where they are estimated
+SOFT_SCALES |= {"scale": 1e-3, "eccentricity": 0.5e-3, "gear": 0.2e-3, "approach": 0.3e-3}  # a share, [rad], and [rad] or, of slides, [m]
 LEAST_POSES = 20  # with fewer the scales cannot be told from the errors themselves
 _NU = 1.0
 _WIDE = 1.65  # standard deviations of a scale's logarithm by which it is taken wider for the covariance
@@ -71,7 +72,7 @@ def by_evidence(linearise: Linearise, prior: Prior, noise: Noise, first: Estimat
     Returns:
         The prior with the chosen scales, the fit under it, and the scales.
     """
-    starts = START_SCALES | {group: scale for group, scale in SAG_SCALES.items() if group in prior.groups}
+    starts = START_SCALES | {group: scale for group, scale in SOFT_SCALES.items() if group in prior.groups}
     found, scales, chosen = first, dict(starts), first.noise.released(noise)
     for _ in range(_ROUNDS):
         before = np.array([*scales.values(), *chosen.sigma])
@@ -89,7 +90,7 @@ def covariance_of_uncertain_scales(prior: Prior, belief: Belief) -> Matrix:
     """Covariance of the parameters that knows how little is known of the scales, (p, p)."""
     P, sigma, dx = belief.P, prior.sigma, belief.x - prior.mean
     wide, moved = sigma.copy(), np.zeros_like(P)
-    for group in START_SCALES | SAG_SCALES:
+    for group in START_SCALES | SOFT_SCALES:
         own = prior.members(group)
         if own.any():
             decided = float(np.sum(1 - np.diag(P)[own] / sigma[own] ** 2))
@@ -120,7 +121,7 @@ def _chosen(
         last = np.array([*scales.values(), *factor])
         for group, own in members.items():
             if own.any():
-                scales[group] = _scale(dx[own], decided[own], (START_SCALES | SAG_SCALES)[group])
+                scales[group] = _scale(dx[own], decided[own], (START_SCALES | SOFT_SCALES)[group])
         own_factors = np.array([each.factor(dx, P, size, limit) for each, size, limit in zip(sums, factor, most, strict=True)])
         factor = np.asarray(np.where(fixed, factor, np.maximum(own_factors, least)))
         if np.max(np.abs(np.array([*scales.values(), *factor]) / last - 1)) < _REST / 10:

@@ -50,6 +50,8 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
 SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself
 INSTRUMENTS = ("reference", "target", "place")  # what moves no beam
 
+_SOFT = {"sag": "sag", "sag_1": "sag across", "sag_2": "sag across", "scale": "scale", "approach": "approach"}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -71,12 +73,13 @@ class Parameter:
 
     @property
     def scale_group(self) -> str:
-        """Which scale the data may choose for its prior: of a joint's `translation`, `rotation` or `zero`, of `sag` or `sag across`.
+        """Which scale the data may choose for its prior: of a joint's `translation`, `rotation` or `zero`, or of how joints give way.
 
         Empty where the prior is kept.
         """
         if self.kind == "soft":
-            return {"sag": "sag", "sag_1": "sag across", "sag_2": "sag across"}.get(self.name.rpartition(".")[2], "")
+            what = self.name.rpartition(".")[2]
+            return _SOFT.get(what, "eccentricity" if what.startswith("ecc_") else "gear" if what.startswith("gear") else "")
         if self.kind != "joint":
             return ""
         return "translation" if self.unit == "m" else "zero" if self.name.endswith(".d_theta") else "rotation"
