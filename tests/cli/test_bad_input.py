@@ -69,7 +69,7 @@ URDFS = {
     "urdf no laser": (
         FIT,
         {"small.urdf": URDF.replace('"laser_', '"beam_')},
-        "no link named laser_<digits>; name the lasers with --laser LINK",
+        "m.csv:1: column 'laser_1.y': the file looks like laser spots (.y and .z), and the robot has no link 'laser_1'; name the lasers",
     ),
     "urdf lasers on two links": (
         FIT,
@@ -182,7 +182,7 @@ CSVS = {
         {"m.csv": CSV.replace("turn", "dr\u00e4h").encode("latin-1")},
         "m.csv:1: is not UTF-8 text; save it as CSV in UTF-8",
     ),
-    "csv is a urdf": ("fit small.urdf small.urdf", {}, "small.urdf:1: column 'turn': is missing"),
+    "csv is a urdf": ("fit small.urdf small.urdf", {}, "small.urdf: is XML, as robot descriptions are; expected a table"),
     "test csv missing": (f"{FIT} --test nope.csv", {}, "nope.csv: cannot be read: No such file"),
 }
 

@@ -11,6 +11,7 @@ from urdfcal.base.errors import did_you_mean, no_such
 from urdfcal.base.tables import Table
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
+from urdfcal.sensors.column_names import ENDINGS, OF_POSES
 from urdfcal.sensors.joint_columns import require_joints
 from urdfcal.sensors.readings import blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
@@ -21,7 +22,6 @@ _OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.
 _OF_LASERS = {ending: sensor.name for sensor in SENSORS.values() if sensor.beam for ending in sensor.endings}
 _OF_NOISE = {sensor.sigma_ending for sensor in SENSORS.values() if sensor.sigma_ending}
 _OF_PICTURES = ("u", "v", "sigma_px")
-_OF_POSES = ("set", "session", "pose", "payload")
 _FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
 _FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
 
@@ -100,7 +100,7 @@ def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pic
     if fault is None and in_pictures and not any(column.sensor for column in columns):
         fault = in_pictures[0].name, "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
     if fault is None and not in_pictures and not columns:
-        fault = lost_column(table.names, robot)
+        fault = without_link(table.names) or lost_column(table.names, robot) or nothing_read(table.names, robot)
     if fault is not None:
         raise table.fail(None, *fault)
 
@@ -165,7 +165,7 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
     """A warning for each column that means nothing."""
     known = {
         *meant,
-        *_OF_POSES,
+        *OF_POSES,
         *(f"{laser}.{ending}" for laser in robot.rig.lasers for ending in (*SENSORS["spot"].endings, "sigma")),
         *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
     }
@@ -216,6 +216,35 @@ def lost_column(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
         if dot and link in links and ending not in _OF_TARGETS and ending not in _OF_NOISE:
             return name, f"the ending '.{ending}' means nothing; expected one of {', '.join(f'.{own}' for own in _OF_TARGETS)}"
     return None
+
+
+def without_link(names: Collection[str]) -> tuple[str, str] | None:
+    """Where a header means nothing at all: the first column that is a reading but for the link, and how to name it."""
+    known = [name for name in names if name.casefold() in ENDINGS]
+    what = SENSORS[(_OF_TARGETS | _OF_LASERS)[known[0].casefold()]].words.several if known else ""
+    if not known:
+        return None
+    return known[0], f"the file looks like {what} ({', '.join(known)}); which link are they of? name it with --target LINK"
+
+
+def nothing_read(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
+    """Where a header means nothing at all and the robot has no lasers: what columns of readings look like."""
+    if robot.lasers or lasers_by_name(robot.tree):
+        return None
+    spots = [name for name in names if name.endswith((".y", ".z"))]
+    if spots:
+        link = spots[0].rpartition(".")[0]
+        return spots[0], (
+            f"the file looks like laser spots (.y and .z), and the robot has {'no link' if link not in robot.tree.links else 'a link'} "
+            f"'{link}'; name the lasers with --laser LINK and the screen with --screen LINK, or give a point its .x too"
+        )
+    if not any(joint in names for joint in robot.tree.joints):
+        return None
+    link = max(robot.tree.links, key=lambda name: sum(joint.moves for joint in robot.tree.path_from_root(name)))
+    return f"{link}.x", (
+        f"is missing, and so is every other reading: the file has joints alone; expected for example {link}.x, {link}.y, {link}.z "
+        "(points), or x, y, z with --target LINK"
+    )
 
 
 def with_our_names(table: Table, target: str) -> Table:
