@@ -1,3 +1,4 @@
+# ruff: noqa: E501
 """Measurements as people have them: names, units and layouts that are not ours."""
 
 from __future__ import annotations

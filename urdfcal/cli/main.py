@@ -17,6 +17,7 @@ from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.look_commands import check, dh, evaluate
+from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
@@ -33,7 +34,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
+for _command in (fit, measurements, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
     app.command(cls=SimulateCommand if _command is simulate else None)(_command)
 
 

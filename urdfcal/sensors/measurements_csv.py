@@ -53,8 +53,7 @@ def read_measurements(
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
-    table = with_our_names(read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose"), target or "")
-    table = as_people_write(table, robot, target or "")
+    table = read_named_table(path, robot, target)
     columns = columns_of(table, robot, reference or "", camera, boards or {})
     joints = JointColumns(table, columns.robot)
     q, warnings = joints.positions, (*table.notes, *columns.warnings, *joints.warnings())
@@ -75,6 +74,16 @@ def read_measurements(
         payload=_payload(table),
         approach=last_moves(q),
     )
+
+
+def read_named_table(path: str | Path, robot: Robot, target: str | None = None) -> Table:
+    """A file of measurements as a table with our names for its columns, whoever wrote them.
+
+    Raises:
+        MeasurementError: it cannot be read as a table, or a column may mean two things.
+    """
+    table = read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose")
+    return as_people_write(with_our_names(table, target or ""), robot, target or "")
 
 
 def _all_readings(table: Table, columns: Columns) -> tuple[Readings, ...]:
