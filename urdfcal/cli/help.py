@@ -1,4 +1,4 @@
-"""How help looks: commands and options in groups, what people need first before the rest, and an example at the end; plain text, 80 columns."""
+"""How help looks: commands and options in groups, what people need first before the rest, an example at the end; plain, 80 columns."""
 
 from __future__ import annotations
 

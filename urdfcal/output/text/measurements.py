@@ -19,7 +19,7 @@ def overview_blocks(found: Overview) -> list[RenderableType]:
     blocks: list[RenderableType] = [f"{found.robot.name}: {found.data.counted} with {found.data.summary}", ""]
     blocks += [titled("Joints", _joint_table(found)), "", titled(_readings_title(found), _reading_table(found)), ""]
     blocks += _pose_lines(found)
-    if not all(each.stated for each in (*found.joints, *found.readings)):
+    if not (all(joint.stated for joint in found.joints) and all(each.stated for each in found.readings)):
         blocks.append("a unit in brackets is the default: the header states none")
     missing = list(found.missing())
     return blocks + (["", "What is missing:", *(f"  {line}" for line in missing)] if missing else [])
@@ -42,7 +42,7 @@ def overview_json(found: Overview) -> dict[str, Any]:
             }
             for each in found.readings
         ],
-        "reference": data.instruments.placed and found.robot.rig.instruments.reference or None,
+        "reference": (data.instruments.placed and found.robot.rig.instruments.reference) or None,
         "rows": len(data),
         "poses": data.pose_count,
         "copies": found.copies,
