@@ -11,6 +11,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.problem import Problem
@@ -237,7 +238,8 @@ class FitResult:
         if "spot" in estimated and (angle := estimated["spot"] / self._beam_length) > _MOST_WANDER:
             return (
                 f"the spots scatter by {WORDS['spot'].told(estimated['spot'])} after the fit, as if beams were off by "
-                f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
+                f"{rounded(angle / DEG, 2)} deg; check the joints' units, signs and zeros, and the rig, "
+                "or state the noise if there is so much"
             )
         return ""
 
@@ -251,7 +253,7 @@ class FitResult:
 
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
-        tables = f"{rms_of(self.before):.3g} -> {rms_of(self.after):.3g} {main_unit(self.after)}"
+        tables = f"{rounded(rms_of(self.before), 3)} -> {rounded(rms_of(self.after), 3)} {main_unit(self.after)}"
         return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
 
     def require_trustworthy(self) -> None:

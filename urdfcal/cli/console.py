@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ def show(machine: Mapping[str, Any] | None, blocks: Iterable[RenderableType]) ->
         return
     from urdfcal.base.terminal import as_text
 
-    print(as_text(blocks), end="")
+    print(as_text(blocks, shutil.get_terminal_size().columns if sys.stdout.isatty() else 0), end="")
 
 
 def finish(machine: Mapping[str, Any] | None, text: str, quiet: bool) -> None:

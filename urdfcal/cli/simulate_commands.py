@@ -200,7 +200,7 @@ def simulate(
     write_together({truth_file: truth, output: measurements_csv(data, comments)})
     finish(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
-        f"wrote {output} ({len(data)} simulated poses) and {truth_file}",
+        f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {truth_file}",
         quiet,
     )
 
