@@ -138,6 +138,16 @@ REFUSED: dict[str, tuple[str, str | None, str]] = {
     "hint in use": (text("turn,lift,lif,tool.x,tool.y,tool.z"), None, "column 'slide': is missing; expected a column for each joint on the way"),
     "mistyped joint": (text("turn,lift,slyde,tool.x,tool.y,tool.z"), None, "on the way; did you mean 'slyde'?"),
     "mistyped link": (text("turn,lift,slide,tol.x,tol.y,tol.z"), None, "column 'tol.x': no link named 'tol' among 8 links; did you mean 'tool'?"),
+    "mistyped lasers": (
+        text("turn,lift,slide,laser1.y,laser1.z,laser2.y"),
+        None,
+        "column 'laser_1.y': is missing, and no other laser has columns; expected <laser>.y and <laser>.z; did you mean 'laser1.y'?",
+    ),
+    "mistyped half of a spot": (
+        text("turn,lift,slide,laser_1.y,laser_l.z,laser2.y"),
+        None,
+        "column 'laser_1.z': is missing; a spot of laser_1 needs laser_1.y and laser_1.z; did you mean 'laser_l.z'?",
+    ),
     "LeRobot without a unit": (
         text("turn.pos,lift.pos,slide,tool.x,tool.y,tool.z"),
         None,
@@ -169,8 +179,14 @@ def test_readings_that_are_ours_keep_others_unused(robot: Robot, tmp_path: Path)
 
 
 WITHOUT_LASERS = URDF.replace('"laser_', '"beam_').replace('"screen"', '"base_link"')
+NO_SCREEN = URDF.replace('"screen"', '"base_link"')
 LOST: dict[str, tuple[str, str]] = {
     "laser spots": (text("turn,lift,slide,laser_1.y,laser_1.z,a"), "the file looks like laser spots (.y and .z), and the robot has no link 'laser_1'"),
+    "points of no link": (
+        text("turn,lift,slide,marker_x_mm,marker_y_mm,marker_z_mm"),
+        "the file looks like points of 'marker', and there is no link named 'marker' among 8 links",
+    ),
+    "points of a mistyped link": (text("turn,lift,slide,tol_x,tol_y,tol_z"), "among 8 links; did you mean 'tool'?; or name"),
     "joints alone": (text("turn,lift,slide,a,b,c"), "is missing, and so is every other reading: the file has joints alone; expected for example"),
 }  # fmt: skip
 
@@ -191,3 +207,20 @@ def test_swapped_arguments_are_told_so(run_cli: Callable[..., tuple[int, str, st
     code, out, err = run_cli("fit", "m.csv", "small.urdf")
     assert (code, out) == (2, "")
     assert err == "urdfcal: m.csv: is a table where the robot is expected; the robot's URDF or xacro comes first, then the measurements\n"
+
+
+def test_lasers_without_a_screen_are_no_matter_for_a_file_without_spots(tmp_path: Path) -> None:
+    """A robot that carries a module, but stands before no screen, is told of its file's columns, and not of a screen."""
+    with pytest.raises(MeasurementError, match="the file has joints alone; expected for example"):
+        read(robot_of(NO_SCREEN), tmp_path, text("turn,lift,slide,a,b,c"))
+
+
+def test_columns_may_stand_in_any_order(robot: Robot, tmp_path: Path) -> None:
+    """Positions follow the header's names, not their places in it."""
+    names = HEAD.split(",")
+    order = [4, 2, 0, 5, 1, 3]
+    cells = np.hstack([Q, P])[:, order]
+    rows = [",".join(names[place] for place in order), *(",".join(map(str, row)) for row in cells.tolist())]
+    data = read(robot, tmp_path, "\n".join(rows))
+    np.testing.assert_array_equal(data.q, Q)
+    np.testing.assert_array_equal(data.readings[0].values, P)
