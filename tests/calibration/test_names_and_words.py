@@ -59,12 +59,14 @@ def test_the_screen_that_a_joint_carries_is_still_warned_of() -> None:
 
 @pytest.mark.parametrize("command", ["fit twin.urdf q.csv", "check twin.urdf q.csv", "dh twin.urdf", "simulate twin.urdf -o s.csv"])
 def test_where_nothing_measures_the_ways_out_are_named(command: str, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
-    """A robot without lasers, and no word of what else is measured, is not asked for a screen alone."""
+    """A robot without lasers, and no word of what else is measured, is not asked for a screen alone; a file says what it looks like."""
     (tmp_path / "twin.urdf").write_text(TWIN)
     (tmp_path / "q.csv").write_text("arm,elbow,gripper,x,y,z\n0,0,0,1,2,3\n")
     run = run_cli(*command.split())
     assert (run.code, run.out, len(run.err.splitlines())) == (2, "", 1)
-    assert "name a link in the columns (tip.x, tip.y, tip.z) or options (dh --tip tip, simulate --sensor point:tip)" in run.err
+    ways = "name a link in the columns (tip.x, tip.y, tip.z) or options (dh --tip tip, simulate --sensor point:tip)"
+    read = "q.csv:1: column 'x': the file looks like points (x, y, z); which link are they of? name it with --target LINK"
+    assert (read if "q.csv" in command else ways) in run.err
 
 
 @pytest.mark.parametrize(("case", "words"), [("point", "measuring frame"), ("lasers and points", "screen or measuring frame")])

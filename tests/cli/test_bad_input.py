@@ -69,7 +69,7 @@ URDFS = {
     "urdf no laser": (
         FIT,
         {"small.urdf": URDF.replace('"laser_', '"beam_')},
-        "no link named laser_<digits>; name the lasers with --laser LINK",
+        "m.csv:1: column 'laser_1.y': the file looks like laser spots (.y and .z), and the robot has no link 'laser_1'; name the lasers",
     ),
     "urdf lasers on two links": (
         FIT,
@@ -182,7 +182,7 @@ CSVS = {
         {"m.csv": CSV.replace("turn", "dr\u00e4h").encode("latin-1")},
         "m.csv:1: is not UTF-8 text; save it as CSV in UTF-8",
     ),
-    "csv is a urdf": ("fit small.urdf small.urdf", {}, "small.urdf:1: column 'turn': is missing"),
+    "csv is a urdf": ("fit small.urdf small.urdf", {}, "small.urdf: is XML, as robot descriptions are; expected a table"),
     "test csv missing": (f"{FIT} --test nope.csv", {}, "nope.csv: cannot be read: No such file"),
 }
 
@@ -255,9 +255,9 @@ USAGE = {
     "process noise": (f"{FIT} --schedule paper --process-noise -1", {}, "found q = -1 and r = 0.0001"),
     "prior": (f"{FIT} --prior-joint 1mm", {}, "'1mm' is not a prior; expected a length and an angle such as 10mm,1deg, or flat"),
     "prior units": (f"{FIT} --prior-mount 1deg,1mm", {}, "'1deg,1mm' is not a prior"),
-    "estimator": (f"{FIT} --estimator ukf", {}, "no estimator 'ukf'; there are: ekf, lse"),
-    "schedule": (f"{FIT} --schedule fast", {}, "no schedule 'fast'; there are: iterated, paper"),
-    "error model": (f"{FIT} --error-model poe", {}, "no error model 'poe'; there are: auto, dh, hayati, placement, offset"),
+    "estimator": (f"{FIT} --estimator ukf", {}, "'ukf' is not one of 'ekf', 'lse'"),
+    "schedule": (f"{FIT} --schedule fast", {}, "'fast' is not one of 'iterated', 'paper'"),
+    "error model": (f"{FIT} --error-model poe", {}, "'poe' is not one of 'auto', 'dh', 'hayati', 'placement', 'offset'"),
     "estimate": (f"{FIT} --estimate beam", {}, "cannot estimate 'beam'; there are: beams, beams4, screen"),
     "fix nothing": (f"{FIT} --fix elbow.d_a", {}, "no parameter matches 'elbow.d_a'"),
     "only nothing": (f"{FIT} --only elbow.*", {}, "no parameter matches 'elbow.*'"),
@@ -275,7 +275,7 @@ USAGE = {
     ),
     "simulate no poses": ("simulate small.urdf -o out.csv --poses 0", {}, "--poses"),
     "simulate scales": ("simulate small.urdf -o out.csv --errors 2", {}, "'2' is not a prior"),
-    "simulate noise": ("simulate small.urdf -o out.csv --noise pink", {}, "no noise distribution 'pink'; there are: gaussian, uniform"),
+    "simulate noise": ("simulate small.urdf -o out.csv --noise pink", {}, "'pink' is not one of 'gaussian', 'uniform'"),
     "simulate noise negative": ("simulate small.urdf -o out.csv --spot-noise-mm -1", {}, "noise must be finite and not negative"),
     "simulate onto the errors": ("simulate small.urdf -o m.csv --errors m.csv", {}, "m.csv: is an input of this command"),
     "simulate off the screen": ("simulate small.urdf -o out.csv --screen-size-m 0.000001", {}, "random poses put every beam on the screen"),

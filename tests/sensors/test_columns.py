@@ -272,7 +272,7 @@ BAD |= {
         table("tol.x,tol.y,tol.z", *POINTS),
         "m.csv:1: column 'tol.x': no link named 'tol' among 8 links; did you mean 'tool'?",
     ),
-    "unknown ending": (table("tool.X", "1"), "m.csv:1: column 'tool.X': the ending '.X' means nothing; expected one of .x, .y"),
+    "unknown ending": (table("tool.k", "1"), "m.csv:1: column 'tool.k': the ending '.k' means nothing; expected one of .x, .y"),
     "two orientations": (
         table("tool.qx,tool.qy,tool.qz,tool.qw,tool.roll,tool.pitch,tool.yaw", "0,0,0,1,0,0,0"),
         "m.csv:1: column 'tool.roll': the orientation is in 'tool.qx', too; leave one of the two out",

@@ -106,7 +106,7 @@ def test_what_cannot_be_reached_is_said(robots: dict[str, Robot], rng: np.random
         (["point:tool0", "--reference", "toool0"], "no link named 'toool0' among 15 links; did you mean 'tool0'?"),
         (["point:tool0", "--target-noise-mm", "-1"], "noise must be finite and not negative"),
         (["point:tool0", "--orientation-noise-deg", "nan"], "noise must be finite and not negative"),
-        (["point:tool0", "--noise", "pink"], "no noise distribution 'pink'; there are: gaussian, uniform"),
+        (["point:tool0", "--noise", "pink"], "'pink' is not one of 'gaussian', 'uniform'"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(words: list[str], message: str, run_cli: Run, tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """CSV, in and out: the one reader and the one writer of tables.
 
-In: UTF-8 with or without byte-order mark, any line ending; separator `,`, `;` or tab, detected in the header; with `;` a decimal comma is
-understood; lines that start with # are comments; a unit stands in brackets behind a column's name, such as `joint1 [deg]`.
+In: UTF-8 with or without byte-order mark, any line ending; separator `,`, `;`, tab or spaces, detected in the header; with `;` or spaces a
+decimal comma is understood; lines that start with # are comments, and those without anything in a cell are none; a unit stands in
+brackets behind a column's name, such as `joint1 [deg]`, or in a row under the header; `NaN` is an empty cell. `table_layout` has the rest.
 Out: separator `,`, decimal points, 12 significant digits, nothing for nan, and no row that would be read as a comment.
 """
 
@@ -22,10 +23,12 @@ import numpy as np
 from urdfcal.base.errors import MeasurementError, did_you_mean
 from urdfcal.base.geometry import MM, Mask, Vector
 from urdfcal.base.reading import TABLE, content_of
+from urdfcal.base.table_layout import counts_by_one, header_at, separator_of, text_of_sheet, unit_of, units_row, words_of
 
 LENGTHS = {"m": 1.0, "mm": MM}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LINE_END = re.compile(r"\r\n|\n|\r")
+_UNNAMED = re.compile(r"(Unnamed: \d+)?")  # what pandas calls a column without a name
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class Table:
         units: Unit of each column that states one.
         separator: Between cells.
         body: Line number and text of each row.
+        positions: Of the columns among the cells; the empty tuple if every cell is one.
+        notes: What was taken for something that the file does not say, for warnings.
     """
 
     path: Path
@@ -49,6 +54,8 @@ class Table:
     units: Mapping[str, str]
     separator: str
     body: tuple[tuple[int, str], ...]
+    positions: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -67,7 +74,10 @@ class Table:
             MeasurementError: a row has fewer cells than the header, or more.
         """
         rows = [self._cells(row) for row in range(len(self))]
-        return {name: [cells[position] for cells in rows] for position, name in enumerate(self.names)}
+        places = self.positions or range(len(self.names))
+        return {
+            name: ["" if _is_nan(cells[place]) else cells[place] for cells in rows] for place, name in zip(places, self.names, strict=True)
+        }
 
     def title(self, name: str) -> str:
         """A column's name with its unit, as in the header."""
@@ -122,7 +132,7 @@ class Table:
 
     def with_point(self, cell: str) -> str:
         """A cell; with a decimal point if it is a number with a decimal comma, and this file can have such."""
-        if self.separator != ";" or "," not in cell:
+        if self.separator not in "; " or "," not in cell:
             return cell
         text = cell.replace(",", ".")
         return text if _NUMBER.fullmatch(text) else cell
@@ -140,7 +150,7 @@ class Table:
 
     def _cells(self, row: int) -> list[str]:
         line, text = self.body[row]
-        cells, width = _split(self.path, line, text, self.separator), len(self.names)
+        cells, width = _split(self.path, line, text, self.separator), max(self.positions, default=len(self.names) - 1) + 1
         if len(cells) < width or any(cells[width:]):
             way_out = "; a decimal comma needs ; between the cells" if len(cells) > width and self.separator == "," else ""
             raise self.fail(row, "", f"the row has {len(cells)} cells, expected {width} as in the header{way_out}")
@@ -160,15 +170,46 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
     """
     path = Path(path)
     content = content_of(path, TABLE, MeasurementError)
-    lines = _filled_lines(_text(path, content))
+    text, notes = _text(path, content)
+    if text.lstrip().startswith("<"):
+        raise MeasurementError(f"is XML, as robot descriptions are; expected a table with {header}, which comes after the robot", path)
+    lines = _filled_lines(text)
     if not lines:
         raise MeasurementError(f"the file has no header line; expected {header}", path)
-    (line, head), *body = lines
-    separator = max(";\t,", key=head.count)
-    names, units = _named(path, line, _split(path, line, head, separator))
+    start = header_at([text for _, text in lines])
+    (line, head), *body = lines[start:]
+    if start:
+        notes.append(f"{path}:{line}: taken for the header; what stands above it is taken for a title")
+    separator = separator_of(head, [row for _, row in body])
+    titles = words_of(head) if separator == " " else _split(path, line, head, separator)
+    under = _units_under(path, body, separator)
+    names, units, positions = _named(path, line, titles, body[bool(under) :], separator, notes)
+    if under:
+        notes.append(f"{path}:{body[0][0]}: taken for a row of units")
+        units = _with_units(
+            path, line, units, {name: under[place] for name, place in zip(names, positions, strict=True) if place < len(under)}
+        )
+        body = body[1:]
     if not body:
         raise MeasurementError(f"there is a header and no row; expected {rows}", path, line)
-    return Table(path, hashlib.sha256(content).hexdigest(), line, names, units, separator, tuple(body))
+    return Table(path, hashlib.sha256(content).hexdigest(), line, names, units, separator, tuple(body), positions, tuple(notes))
+
+
+def _units_under(path: Path, body: Sequence[tuple[int, str]], separator: str) -> list[str | None]:
+    """Units of the columns, where the first row is one of units."""
+    return (units_row(_split(path, *body[0], separator)) if body else None) or []
+
+
+def _with_units(path: Path, line: int, units: dict[str, str], under: Mapping[str, str | None]) -> dict[str, str]:
+    """The header's units and those under it.
+
+    Raises:
+        MeasurementError: they are at odds.
+    """
+    for name, unit in under.items():
+        if unit and units.get(name, unit) != unit:
+            raise _fault(path, line, name, f"the header says [{units[name]}] and the row under it {unit}; leave one of the two out")
+    return units | {name: unit for name, unit in under.items() if unit}
 
 
 def csv_text(names: Sequence[str], rows: Iterable[Sequence[str | float]], comments: Iterable[str] = ()) -> bytes:
@@ -199,38 +240,69 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _text(path: Path, content: bytes) -> str:
+def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
+    """A file's text, and what is to be said of where it comes from."""
+    sheet = text_of_sheet(path, content)
+    if sheet is not None:
+        text, name = sheet
+        return text, [f"{path}: of the workbook's sheets the first one, '{name}', is read"] if name else []
     try:
-        return content.decode("utf-8-sig")
+        return content.decode("utf-8-sig"), []
     except UnicodeDecodeError as error:
         line = len(_LINE_END.split(error.object[: error.start].decode("latin-1")))
         raise MeasurementError("is not UTF-8 text; save it as CSV in UTF-8", path, line) from None
 
 
 def _filled_lines(text: str) -> list[tuple[int, str]]:
-    """Number and text of the lines that are neither blank nor comments."""
+    """Number and text of the lines that are neither comments nor without anything in a cell."""
     lines = enumerate(_LINE_END.split(text), start=1)
-    return [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return [(number, line) for number, line in lines if line.strip(' \t,;"\x0b\x0c\u00a0') and not line.lstrip().startswith("#")]
 
 
 def _split(path: Path, line: int, text: str, separator: str) -> list[str]:
+    if separator == " ":
+        return text.split()
     try:
         return [cell.strip() for cell in next(csv.reader([text], delimiter=separator, skipinitialspace=True))]
     except csv.Error as error:
         raise MeasurementError(f"cannot be split into cells: {error}", path, line) from None
 
 
-def _named(path: Path, line: int, titles: list[str]) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Names of a header's columns, and the units of those that state one; empty cells at its end are none."""
+def _named(
+    path: Path, line: int, titles: list[str], body: Sequence[tuple[int, str]], separator: str, notes: list[str]
+) -> tuple[tuple[str, ...], dict[str, str], tuple[int, ...]]:
+    """Names of a header's columns, the units of those that state one, and which cells they are.
+
+    Empty cells at its end are no columns, nor are cells that are empty in every row; an index that pandas wrote is none either.
+    """
     while titles and not titles[-1]:
         titles.pop()
-    named = [_name_and_unit(path, line, title, position) for position, title in enumerate(titles, start=1)]
+    kept = [place for place, title in enumerate(titles) if not _means_nothing(place, title, path, line, body, separator, notes)]
+    named = [_name_and_unit(path, line, titles[place], place + 1) for place in kept]
     names = tuple(name for name, _ in named)
     _require_once(path, line, names)
-    return names, {name: unit for name, unit in named if unit is not None}
+    return names, {name: unit for name, unit in named if unit is not None}, tuple(kept)
+
+
+def _means_nothing(
+    place: int, title: str, path: Path, line: int, body: Sequence[tuple[int, str]], separator: str, notes: list[str]
+) -> bool:
+    """Whether a column without a name is empty, or the index that pandas puts first."""
+    if not _UNNAMED.fullmatch(title):
+        return False
+    rows = [_split(path, *row, separator) for row in body]
+    cells = [row[place] if place < len(row) else "" for row in rows]
+    if not any(cells):
+        return True
+    index = place == 0 and counts_by_one(cells)
+    if index:
+        notes.append(f"{path}:{line}: the first column has no name and counts the rows; it is taken for an index and not used")
+    return index
 
 
 def _name_and_unit(path: Path, line: int, title: str, position: int) -> tuple[str, str | None]:
+    if title.endswith(")") and (unit := unit_of(title[:-1].rpartition("(")[2])):
+        title = f"{title.rpartition('(')[0]}[{unit}]"
     name, bracket, unit = (word.strip() for word in title.removesuffix("]").partition("["))
     if bool(bracket) != title.endswith("]"):
         raise _fault(
@@ -238,7 +310,7 @@ def _name_and_unit(path: Path, line: int, title: str, position: int) -> tuple[st
         )
     if not name:
         raise _fault(path, line, title, f"cell {position} of the header is empty, expected a name")
-    return name, unit if bracket else None
+    return name, (unit_of(unit) or unit) if bracket else None
 
 
 def _require_once(path: Path, line: int, names: Sequence[str]) -> None:
@@ -259,6 +331,11 @@ def _no_number(cell: str, number: float, most: float) -> str:
     if math.isfinite(number):
         return f"'{cell}' is beyond {most:g}"
     return f"'{cell}' is not {'finite' if _is_infinite(cell) else 'a number'}"
+
+
+def _is_nan(cell: str) -> bool:
+    """Whether a cell says that there is nothing, as many programs write it."""
+    return len(cell) == 3 and cell.lower() == "nan"
 
 
 def _is_infinite(text: str) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.foreign_text import shown
@@ -16,17 +17,32 @@ if TYPE_CHECKING:
 
 
 WIDTH = 100
+_LARGE = 1e9  # numbers from here on have an exponent
 
 
-def as_text(blocks: Iterable[RenderableType]) -> str:
-    """Rich blocks as plain text."""
+def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
+    """Rich blocks as plain text; sentences are broken between words at so many columns, if any are named."""
     from rich.console import Console
 
     stream = io.StringIO()
     console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
     for block in blocks:
-        console.print(shown(block) if isinstance(block, str) else block, soft_wrap=isinstance(block, str))
+        text = "\n".join(_between_words(block, columns)) if isinstance(block, str) and columns else block
+        console.print(shown(text) if isinstance(text, str) else text, soft_wrap=isinstance(text, str))
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+
+
+def _between_words(text: str, columns: int) -> Iterator[str]:
+    """The lines of a text with none longer than so many columns, further ones indented as the first."""
+    for line in text.splitlines():
+        indent = " " * (len(line) - len(line.lstrip()))
+        yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
+
+
+def rounded(value: float, digits: int) -> str:
+    """A number to so many digits that count, as people write it: 160, and not 1.6e+02."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
 
 
 def value_and_sigma(value: float, sigma: float) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.sensors.sensor import MAIN_UNIT, UNITS
 
@@ -63,7 +64,7 @@ def main_unit(table: SpotTable) -> str:
 
 def rms_in_words(table: SpotTable) -> str:
     """The same with its unit: `0.31 mm`."""
-    return f"{rms_of(table):.4g} {main_unit(table)}"
+    return f"{rounded(rms_of(table), 4)} {main_unit(table)}"
 
 
 def rms_of(table: SpotTable, unit: str = "") -> float:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from urdfcal.base.geometry import MM, Mask, Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.nominal_explains import explained_by_nominal
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.richer import Explained, judged_by_more
@@ -250,7 +251,8 @@ def _left_out(model: Problem, clean: Estimate, kept: Mask) -> tuple[Outlier, ...
             size = UNITS[block.unit]
             away = float(np.linalg.norm(linearisation.residual[pose, block.columns])) / size
             others = model.channels[index].sensor.others
-            words = f"{away:.3g} {block.unit} from where {others} put it, noise {clean.noise.sigma[block.kind] / size:.3g} {block.unit}"
+            noise = rounded(clean.noise.sigma[block.kind] / size, 3)
+            words = f"{rounded(away, 3)} {block.unit} from where {others} put it, noise {noise} {block.unit}"
         kind: Literal["far", "missed"] = "missed" if lost[pose, index] else "far"
         outliers.append(Outlier(data.where(pose), block.name, away if block.unit == MAIN_UNIT else None, words, kind))
     return tuple(outliers)

@@ -11,6 +11,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, main_unit, rms_in_words, rms_of
@@ -263,7 +264,8 @@ class FitResult:
             if angle > _MOST_WANDER:
                 return (
                     f"the {kind.several} scatter by {kind.told(estimated[name])} after the fit, as if beams were off by "
-                    f"{angle / DEG:.2g} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is so much"
+                    f"{rounded(angle / DEG, 2)} deg; check the joints' units, signs and zeros, and the rig, or state the noise if there is "
+                    "so much"
                 )
         return ""
 
@@ -277,7 +279,7 @@ class FitResult:
 
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
-        tables = f"{rms_of(self.before):.3g} -> {rms_of(self.after):.3g} {main_unit(self.after)}"
+        tables = f"{rounded(rms_of(self.before), 3)} -> {rounded(rms_of(self.after), 3)} {main_unit(self.after)}"
         return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
 
     def with_entered(self: Self, names: Collection[str]) -> Self:

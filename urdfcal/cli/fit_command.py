@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import FitRejected, UsageError
-from urdfcal.cli.console import say, show, warn
+from urdfcal.cli.console import Working, say, show, warn
+from urdfcal.cli.help import EXPERT
 from urdfcal.cli.inputs import (
     about,
     by_the_data,
@@ -30,10 +31,12 @@ from urdfcal.cli.inputs import (
     sensor_noise,
 )
 from urdfcal.cli.options import (
+    OUTPUT,
     After,
     CameraOption,
     DataFile,
     Estimate,
+    EstimatorName,
     Fix,
     Formats,
     JointSigma,
@@ -47,12 +50,14 @@ from urdfcal.cli.options import (
     PriorBeams,
     PriorJoint,
     PriorMount,
+    PriorScales,
     PriorScreen,
     Quiet,
     Reference,
     ReferenceKnown,
     RigOption,
     RobotFile,
+    Schedule,
     Screen,
     Seed,
     Target,
@@ -105,39 +110,67 @@ def fit(
     estimate: Estimate = None,
     fix: Fix = None,
     only: Only = None,
-    estimator: Annotated[str, typer.Option(help="ekf, lse (Levenberg-Marquardt), robust (Student's t) or evolution.")] = "ekf",
-    schedule: Annotated[str, typer.Option(help="Of the EKF: iterated (maximum a posteriori) or paper (sweeps with Q and R).")] = "iterated",
+    estimator: Annotated[
+        EstimatorName, typer.Option(help="lse is Levenberg-Marquardt, robust has Student's t.", rich_help_panel=EXPERT)
+    ] = EstimatorName.EKF,
+    schedule: Annotated[
+        Schedule, typer.Option(help="Of the EKF: maximum a posteriori, or sweeps with Q and R as in the paper.", rich_help_panel=EXPERT)
+    ] = Schedule.ITERATED,
     spot_sigma_mm: Annotated[
         float | None,
-        typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: estimated from the residual.", show_default=False),
+        typer.Option(
+            metavar="MM",
+            help="Noise of a spot coordinate in mm. Default: estimated from the residual.",
+            show_default=False,
+            rich_help_panel=EXPERT,
+        ),
     ] = None,
     joint_sigma_deg: JointSigma = None,
     prior: Annotated[
-        str,
-        typer.Option(help="auto: the data choose the joints' prior scales, if none is stated and there are 20 poses; stated: as below."),
-    ] = "auto",
+        PriorScales,
+        typer.Option(
+            help="auto: the data choose the joints' prior scales, if none is stated and there are 20 poses; stated: as below.",
+            rich_help_panel=EXPERT,
+        ),
+    ] = PriorScales.AUTO,
     prior_joint: PriorJoint = None,
     prior_mount: PriorMount = None,
     prior_screen: PriorScreen = None,
     prior_beams: PriorBeams = None,
     tolerance: Annotated[
         float | None,
-        typer.Option(help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.", show_default=False),
+        typer.Option(
+            help="Stop under this step: in sigmas (iterated) or m and rad (paper). Default: 1e-7.",
+            show_default=False,
+            rich_help_panel=EXPERT,
+        ),
     ] = None,
     max_sweeps: Annotated[
-        int | None, typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False)
+        int | None,
+        typer.Option(min=1, help="Sweeps allowed. Default: 100 (iterated), 5000 (paper).", show_default=False, rich_help_panel=EXPERT),
     ] = None,
-    q: Annotated[float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.")] = 1e-4,
-    r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.")] = 1e-4,
-    gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.")] = True,
-    sanity: Annotated[bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.")] = True,
+    q: Annotated[
+        float, typer.Option("--process-noise", help="Q = q I of the paper schedule, m^2 and rad^2.", rich_help_panel=EXPERT)
+    ] = 1e-4,
+    r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.", rich_help_panel=EXPERT)] = 1e-4,
+    gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.", rich_help_panel=EXPERT)] = True,
+    sanity: Annotated[
+        bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.", rich_help_panel=EXPERT)
+    ] = True,
     test: Annotated[Path | None, typer.Option(metavar="CSV", help="Further poses, evaluated and not fitted.", show_default=False)] = None,
     holdout: Annotated[
         float | None,
         typer.Option(metavar="SHARE", help="Share of the poses, drawn at random, to test and not to fit, e.g. 0.3.", show_default=False),
     ] = None,
     kfold: Annotated[
-        int | None, typer.Option(min=2, metavar="N", help="Also fit N times with an Nth of the poses held out in turn.", show_default=False)
+        int | None,
+        typer.Option(
+            min=2,
+            metavar="N",
+            help="Also fit N times with an Nth of the poses held out in turn.",
+            show_default=False,
+            rich_help_panel=EXPERT,
+        ),
     ] = None,
     tool: Annotated[
         str | None,
@@ -152,15 +185,22 @@ def fit(
             parser=stated_file,
             help="Also write a report: .html (one page), .md or .json; repeatable.",
             show_default=False,
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     sag: Annotated[
-        bool, typer.Option(help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.")
+        bool,
+        typer.Option(
+            help="Also fit the joints' sag under gravity, and say what it gains; the URDF stays without it.", rich_help_panel=EXPERT
+        ),
     ] = True,
     gravity: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Direction of gravity's pull in the root link, or estimate. Default: 0,0,-1.", show_default=False
+            metavar="X,Y,Z",
+            help="Direction of gravity's pull in the root link, or estimate. Default: 0,0,-1.",
+            show_default=False,
+            rich_help_panel=EXPERT,
         ),
     ] = None,
     payload: Payloads = None,
@@ -170,12 +210,16 @@ def fit(
             metavar="TERM",
             help="With sag, try scale (of encoders and slides), eccentricity or approach; repeatable. Default: what stands out.",
             show_default=False,
+            rich_help_panel=EXPERT,
         ),
     ] = None,
     compensation: Annotated[
         Path | None,
         typer.Option(
-            metavar="YAML", help="Write the sag for control code, and beside it the URDF of the joint fit, as a pair.", show_default=False
+            metavar="YAML",
+            help="Write the sag for control code, and beside it the URDF of the joint fit, as a pair.",
+            show_default=False,
+            rich_help_panel=EXPERT,
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Write also what must not be trusted (exit code 3).")] = False,
@@ -235,10 +279,10 @@ def fit(
     require_lasers_for(data, estimate, screen=screen, laser=laser)
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, estimate or (), fix or (), only or (), priors)
     how: dict[str, Any] = {
-        "estimator": estimator,
-        "schedule": schedule,
+        "estimator": estimator.value,
+        "schedule": schedule.value,
         "options": options,
         "sigmas": sensor_noise(data, rig_file, spot_sigma_mm),
         "joint_sigma": joint_noise(arm, rig_file, joint_sigma_deg),
@@ -247,7 +291,7 @@ def fit(
         "q": q,
         "r": r,
         "gated": gate,
-        "evidence": by_the_data(prior),
+        "evidence": by_the_data(prior.value),
         "sane": sanity,
         "after": earlier_joints(after, unmeasured),
         "gravity": wish.stated,
@@ -255,7 +299,8 @@ def fit(
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
     say(verbose, f"{about(arm)}; {data.counted}")
-    calibration = run_fit(arm, data, test=further, rng=rng(), **how)
+    with Working(f"fitting {np.count_nonzero(data.sets == 'fit')} rows ({estimator.value})", quiet):
+        calibration = run_fit(arm, data, test=further, rng=rng(), **how)
     require_priors_used(priors, calibration.errors)
     warned = (
         *calibration.warnings,
@@ -265,21 +310,24 @@ def fit(
         *coverage_warnings(arm, calibration),
     )
     calibration = replace(calibration, warnings=warned, tool=tool or "")
-    bent = wish.of(calibration)
+    with Working("trying what the joint fit lacks (sag)", quiet):
+        bent = wish.of(calibration)
     calibration = replace(calibration, beyond=tuple(dict.fromkeys((*calibration.beyond, *asked_for(bent)))))
     calibration = calibration.with_entered(in_compensation(bent))
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
     if not force:
         refused(calibration, pair_words(bent), as_json)  # no folds for what is of no use anyway
     if kfold is not None:
-        calibration = replace(calibration, folds=cross_validate(arm, data, kfold, rng(), **how))
+        with Working(f"fitting {kfold} times with some poses held out", quiet):
+            calibration = replace(calibration, folds=cross_validate(arm, data, kfold, rng(), **how))
     verdict = calibration.verdict
     if force:
         warn([f"--force: {reason}" for reason in verdict.reasons if verdict.use == "no"], quiet)
     else:
         refused(calibration, pair_words(bent), as_json)
-    extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
-    files, cautions = outputs.contents(calibration, bent, extra, rng())
+    with Working("predicting errors and writing results", quiet):
+        extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
+        files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)
     deliver(files)
     if as_json:

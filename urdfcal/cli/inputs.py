@@ -28,6 +28,7 @@ _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 
 
 def load(
@@ -49,6 +50,7 @@ def load(
     """
     from urdfcal.robot.robot import load_robot
 
+    _refuse_table(path)
     arguments = {}
     for argument in xacro_args or ():
         name, mark, value = argument.partition(":=")
@@ -102,6 +104,16 @@ def stored_calibration(path: Path) -> StoredCalibration:
     return stored
 
 
+def _refuse_table(path: Path) -> None:
+    """Refuse measurements in the robot's place.
+
+    Raises:
+        UsageError: the file is called a table, and is no XML.
+    """
+    if path.suffix.lower() in _TABLES and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        raise UsageError(f"{path}: is a table where the robot is expected; the robot's URDF or xacro comes first, then the measurements")
+
+
 def measured(
     robot: Robot,
     path: Path,
@@ -131,7 +143,7 @@ def measured(
     if rig is not None:
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     if target is not None and not (rig and rig.target) and target not in {reading.link for reading in data.readings}:
-        raise UsageError(f"--target {target}: {path} has no columns such as x1, y1, z1 that need it")
+        raise UsageError(f"--target {target}: {path} has no columns such as x, y, z or x1, y1, z1 that need it")
     if reference is not None and not (rig and rig.reference) and data.only_spots:
         raise UsageError(f"--reference {reference}: laser spots are measured on the screen; {path} has nothing else that it could be for")
     if camera is not None and not any(reading.kind.by_camera for reading in data.readings):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import UsageError
-from urdfcal.cli.console import say, show, warn
+from urdfcal.cli.console import Working, say, show, warn
+from urdfcal.cli.help import EXPERT
 from urdfcal.cli.inputs import (
     about,
     joint_noise,
@@ -112,7 +113,8 @@ def check(
     fix: Fix = None,
     only: Only = None,
     spot_sigma_mm: Annotated[
-        float | None, typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: 1.", show_default=False)
+        float | None,
+        typer.Option(metavar="MM", help="Noise of a spot coordinate in mm. Default: 1.", show_default=False, rich_help_panel=EXPERT),
     ] = None,
     joint_sigma_deg: JointSigma = None,
     prior_joint: PriorJoint = None,
@@ -154,15 +156,16 @@ def check(
     say(verbose, about(arm))
     require_lasers_for(data, estimate, screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_options(rig_file, rig, arm), error_model, estimate or (), fix or (), only or (), priors)
-    result = run_check(
-        arm,
-        data,
-        options=options,
-        sigmas=sensor_noise(data, rig_file, spot_sigma_mm),
-        joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
-        rng=np.random.default_rng(seed),
-    )
+    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, estimate or (), fix or (), only or (), priors)
+    with Working(f"checking {len(data)} rows", quiet):
+        result = run_check(
+            arm,
+            data,
+            options=options,
+            sigmas=sensor_noise(data, rig_file, spot_sigma_mm),
+            joint_sigma=joint_noise(arm, rig_file, joint_sigma_deg),
+            rng=np.random.default_rng(seed),
+        )
     require_priors_used(priors, result.errors)
     warn(result.warnings, quiet)
     show(check_json(result) if as_json else None, check_blocks(result))

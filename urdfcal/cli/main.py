@@ -8,7 +8,7 @@ import sys
 import traceback
 from functools import cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -18,8 +18,11 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
 from urdfcal.cli.console import asked_quiet
+from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
+from urdfcal.cli.help import OurCommand, OurGroup
 from urdfcal.cli.look_commands import check, dh, evaluate
+from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
@@ -32,19 +35,32 @@ _INTERRUPTED = 130  # what typer makes of Ctrl-C
 app = typer.Typer(
     name="urdfcal",
     help="Find the real geometry of a robot arm from measurements and write it back into its URDF.",
-    add_completion=False,
-    no_args_is_help=True,
+    cls=OurGroup,
+    epilog=CODES,
+    invoke_without_command=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
-    app.command(cls=SimulateCommand if _command is simulate else None)(_command)
+for _command in (fit, measurements, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
+    app.command(cls=SimulateCommand if _command is simulate else OurCommand, **described(_command.__name__))(_command)
 
 
-@app.command()
-def version() -> None:
+@app.callback()
+def _top(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        _print_version()
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command("version", cls=OurCommand, **described("version"))
+def _print_version() -> None:
     """Print the version."""
     from urdfcal.base.version import __version__
 

@@ -2,10 +2,56 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from urdfcal.cli.help import EXPERT
+
+RIG, DESCRIPTION, OUTPUT = "What measures", "Robot description", "Output"  # groups of options; the usual one comes before, EXPERT last
+
+
+class ErrorModelName(StrEnum):
+    """The error models, as `model.slots.MODELS` has them."""
+
+    AUTO = "auto"
+    DH = "dh"
+    HAYATI = "hayati"
+    PLACEMENT = "placement"
+    OFFSET = "offset"
+
+
+class EstimatorName(StrEnum):
+    """The estimators, as `estimation.estimators.ESTIMATORS` has them."""
+
+    EKF = "ekf"
+    LSE = "lse"
+    ROBUST = "robust"
+    EVOLUTION = "evolution"
+
+
+class Schedule(StrEnum):
+    """The EKF's schedules, as `estimation.estimators.SCHEDULES` has them."""
+
+    ITERATED = "iterated"
+    PAPER = "paper"
+
+
+class PriorScales(StrEnum):
+    """Who chooses the joints' prior scales."""
+
+    AUTO = "auto"
+    STATED = "stated"
+
+
+class NoiseShape(StrEnum):
+    """How simulated noise is distributed."""
+
+    GAUSSIAN = "gaussian"
+    UNIFORM = "uniform"
+
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="URDF or xacro file. A xacro file is code: it runs.", show_default=False)]
 DataFile = Annotated[
@@ -15,7 +61,10 @@ DataFile = Annotated[
     ),
 ]
 XacroArgs = Annotated[
-    list[str] | None, typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False)
+    list[str] | None,
+    typer.Option(
+        "--xacro-arg", metavar="NAME:=VALUE", help="Value of a xacro argument; repeatable.", show_default=False, rich_help_panel=DESCRIPTION
+    ),
 ]
 XacroLimits = Annotated[
     str | None,
@@ -28,51 +77,84 @@ XacroLimits = Annotated[
 ]
 PackageDirs = Annotated[
     list[Path] | None,
-    typer.Option("--package-dir", metavar="DIR", help="Folder in which packages are looked for first; repeatable.", show_default=False),
+    typer.Option(
+        "--package-dir",
+        metavar="DIR",
+        help="Folder in which packages are looked for first; repeatable.",
+        show_default=False,
+        rich_help_panel=DESCRIPTION,
+    ),
 ]
 Screen = Annotated[
     str | None,
-    typer.Option(metavar="LINK", help="Screen link; its plane x = 0 is the screen. Default: the link 'screen'.", show_default=False),
+    typer.Option(
+        metavar="LINK",
+        help="Screen link; its plane x = 0 is the screen. Default: the link 'screen'.",
+        show_default=False,
+        rich_help_panel=RIG,
+    ),
 ]
 Lasers = Annotated[
     list[str] | None,
     typer.Option(
-        "--laser", metavar="LINK", help="Laser link, beam along +z; repeatable. Default: every link 'laser_<digits>'.", show_default=False
+        "--laser",
+        metavar="LINK",
+        help="Laser link, beam along +z; repeatable. Default: every link 'laser_<digits>'.",
+        show_default=False,
+        rich_help_panel=RIG,
     ),
 ]
 RigOption = Annotated[
-    Path | None, typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False)
+    Path | None,
+    typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False, rich_help_panel=RIG),
 ]
 Model = Annotated[
-    str | None,
-    typer.Option("--error-model", metavar="MODEL", help="auto, dh, hayati, placement or offset. Default: auto.", show_default=False),
+    ErrorModelName | None,
+    typer.Option("--error-model", help="Which errors a joint can have. Default: auto.", show_default=False, rich_help_panel=EXPERT),
 ]
 Estimate = Annotated[
     list[str] | None,
-    typer.Option("--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", show_default=False),
+    typer.Option(
+        "--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", show_default=False, rich_help_panel=EXPERT
+    ),
 ]
 Fix = Annotated[
     list[str] | None,
-    typer.Option("--fix", metavar="PATTERN", help="Hold these parameters, e.g. 'joint3.*'; repeatable.", show_default=False),
+    typer.Option(
+        "--fix", metavar="PATTERN", help="Hold these parameters, e.g. 'joint3.*'; repeatable.", show_default=False, rich_help_panel=EXPERT
+    ),
 ]
 Only = Annotated[
-    list[str] | None, typer.Option("--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", show_default=False)
+    list[str] | None,
+    typer.Option(
+        "--only", metavar="PATTERN", help="Estimate these parameters alone; repeatable.", show_default=False, rich_help_panel=EXPERT
+    ),
 ]
-JointSigma = Annotated[float | None, typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False)]
+JointSigma = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", help="Noise of a joint reading in deg. Default: 0.", show_default=False, rich_help_panel=EXPERT),
+]
 PriorJoint = Annotated[
-    str | None, typer.Option(metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False)
+    str | None,
+    typer.Option(
+        metavar="MM,DEG", help="Prior sigma of joint errors, or flat. Default: 10mm,1deg.", show_default=False, rich_help_panel=EXPERT
+    ),
 ]
 PriorMount = Annotated[
-    str | None, typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False)
+    str | None,
+    typer.Option(metavar="MM,DEG", help="... of the module's mount. Default: 20mm,2deg.", show_default=False, rich_help_panel=EXPERT),
 ]
 PriorScreen = Annotated[
-    str | None, typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False)
+    str | None,
+    typer.Option(metavar="MM,DEG", help="... of the screen's placement. Default: 100mm,5deg.", show_default=False, rich_help_panel=EXPERT),
 ]
-PriorBeams = Annotated[str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print the result for machines, in SI units.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.")]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.")]
+PriorBeams = Annotated[
+    str | None, typer.Option(metavar="MM,DEG", help="... of the beams. Default: 5mm,1deg.", show_default=False, rich_help_panel=EXPERT)
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result for machines, in SI units.", rich_help_panel=OUTPUT)]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no progress.", rich_help_panel=OUTPUT)]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.", rich_help_panel=OUTPUT)]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.", rich_help_panel=EXPERT)]
 Formats = Annotated[
     list[str] | None,
     typer.Option(
@@ -90,6 +172,7 @@ UrHash = Annotated[
         metavar="YAML",
         help="Take the hash of the ur format from this kinematics file of the very robot. Default: none is written.",
         show_default=False,
+        rich_help_panel=EXPERT,
     ),
 ]
 Reference = Annotated[
@@ -98,15 +181,21 @@ Reference = Annotated[
         metavar="LINK",
         help="Link that points and orientations are measured from. Default: the link 'tracker', else the root.",
         show_default=False,
+        rich_help_panel=RIG,
     ),
 ]
 ReferenceKnown = Annotated[
-    bool, typer.Option("--reference-known", help="The reference link itself is what is measured from: no placement is estimated.")
+    bool,
+    typer.Option(
+        "--reference-known", help="The reference link itself is what is measured from: no placement is estimated.", rich_help_panel=EXPERT
+    ),
 ]
 TargetKnown = Annotated[
     bool,
     typer.Option(
-        "--target-known", help="What is measured is each target's link itself, as a controller states it: no offset is estimated."
+        "--target-known",
+        help="What is measured is each target's link itself, as a controller states it: no offset is estimated.",
+        rich_help_panel=EXPERT,
     ),
 ]
 After = Annotated[
@@ -115,11 +204,17 @@ After = Annotated[
         metavar="YAML",
         help="Calibration of another branch, whose URDF ROBOT is: what it decided is the prior of the joints that both have.",
         show_default=False,
+        rich_help_panel=EXPERT,
     ),
 ]
 Target = Annotated[
     str | None,
-    typer.Option(metavar="LINK", help="Link that columns named x1, y1, z1, phix1 ... (figaroh's) are measured on.", show_default=False),
+    typer.Option(
+        metavar="LINK",
+        help="Link that columns named x, y, z, qx ... alone, or x1, y1, phix1 (figaroh's), are measured on.",
+        show_default=False,
+        rich_help_panel=RIG,
+    ),
 ]
 CameraOption = Annotated[
     Path | None,
@@ -128,11 +223,18 @@ CameraOption = Annotated[
         metavar="YAML",
         help="Camera that <laser>.u .v, or <link>.u .v, were read with, in px; spots are then taken from the pictures.",
         show_default=False,
+        rich_help_panel=RIG,
     ),
 ]
 Payloads = Annotated[
     list[str] | None,
-    typer.Option("--payload", metavar="KG@LINK", help="Mass in kg that hangs on a link, e.g. 2.5@tool0; repeatable.", show_default=False),
+    typer.Option(
+        "--payload",
+        metavar="KG@LINK",
+        help="Mass in kg that hangs on a link, e.g. 2.5@tool0; repeatable.",
+        show_default=False,
+        rich_help_panel=EXPERT,
+    ),
 ]
 Overwrite = Annotated[
     bool,

@@ -83,6 +83,7 @@ def render(
     from urdfcal.base.tables import read_table
     from urdfcal.base.whole_files import folder_whole, require_new_folder
     from urdfcal.output.replaced import require_same
+    from urdfcal.sensors.column_names import as_people_write
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.markers import read_screen_markers
     from urdfcal.vision.render.image_sensor import ImageSensor
@@ -125,7 +126,7 @@ def render(
     view.spots_of_pixels(np.zeros((1, 2)))  # refuses a camera without a screen
     require_new_folder(output)
     require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
-    table = read_table(poses, "a column a joint", "one row a pose")
+    table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
     names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
     shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
     unlit: dict[str | Path, bytes] = {}
@@ -159,13 +160,14 @@ def render(
 def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, tuple[str, ...]]:
     """Spots and directions: those of the file where it has any, else the robot's; and what is odd about the joints' positions."""
     from urdfcal.base.tables import read_table
+    from urdfcal.sensors.column_names import as_people_write
     from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.sensors.measurements_csv import read_measurements
     from urdfcal.vision.render.pictures import LitSpots, nominal_spots
 
-    table = read_table(poses, "a column a joint", "one row a pose")
+    table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
     joints = JointColumns(table, arm)
-    odd = tuple(joints.warnings())
+    odd = (*table.notes, *joints.warnings())
     shown = _corrected(arm, calibrated) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)

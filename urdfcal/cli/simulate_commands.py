@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from urdfcal.cli.console import ProgressBar, finish, say, show, warn
+from urdfcal.cli.help import EXPERT, OurCommand
 from urdfcal.cli.inputs import about, arm7_file, load, positive
 from urdfcal.cli.options import (
     Json,
     Lasers,
+    NoiseShape,
     Overwrite,
     PackageDirs,
     Payloads,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 _MOST_POSES, _MOST_PLACES, _MOST_RUNS = 100_000, 1000, 10_000  # more take all memory, or days, and nobody measures so many
 
 
-class SimulateCommand(TyperCommand):
+class SimulateCommand(OurCommand):
     """A command whose help lists the sensors that there are; they are looked up when it is asked for, since that takes its time."""
 
     def format_help(self, *given: Any) -> None:
@@ -68,7 +69,10 @@ def simulate(
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
-    noise: Annotated[str, typer.Option(help="gaussian (the noise is a standard deviation) or uniform (half the width).")] = "gaussian",
+    noise: Annotated[
+        NoiseShape,
+        typer.Option(help="What a noise is: a standard deviation (gaussian), or half the width (uniform).", rich_help_panel=EXPERT),
+    ] = NoiseShape.GAUSSIAN,
     errors: Annotated[
         str,
         typer.Option(
@@ -79,19 +83,25 @@ def simulate(
     sag_mrad: Annotated[
         float,
         typer.Option(
-            help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled."
+            help="Sigma of each joint's sag about its own axis, in mrad at its largest gravity moment, the way that it is pulled.",
+            rich_help_panel=EXPERT,
         ),
     ] = 0.0,
-    sag_across_mrad: Annotated[float, typer.Option(help="The same about the two axes across it, in mrad.")] = 0.0,
+    sag_across_mrad: Annotated[float, typer.Option(help="The same about the two axes across it, in mrad.", rich_help_panel=EXPERT)] = 0.0,
     eccentricity_mrad: Annotated[
-        float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.")
+        float, typer.Option(help="Sigma of sin q, cos q, sin 2q and cos 2q in each joint's reading, in mrad.", rich_help_panel=EXPERT)
     ] = 0.0,
     gravity: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z", help="Direction of gravity's pull in the root link. Default: 0,0,-1.", show_default=False),
+        typer.Option(
+            metavar="X,Y,Z",
+            help="Direction of gravity's pull in the root link. Default: 0,0,-1.",
+            show_default=False,
+            rich_help_panel=EXPERT,
+        ),
     ] = None,
     payload: Payloads = None,
-    screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.")] = 3.0,
+    screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.", rich_help_panel=EXPERT)] = 3.0,
     sensor: Annotated[
         list[str] | None,
         typer.Option(
@@ -104,16 +114,29 @@ def simulate(
     target_noise_mm: Annotated[
         float, typer.Option(help="Noise in mm of a point's coordinate and of a distance, and how far a touch is off.")
     ] = 0.1,
-    orientation_noise_deg: Annotated[float, typer.Option(help="Noise of an orientation about each axis in deg.")] = 0.02,
+    orientation_noise_deg: Annotated[
+        float, typer.Option(help="Noise of an orientation about each axis in deg.", rich_help_panel=EXPERT)
+    ] = 0.02,
     places: Annotated[
-        int, typer.Option(min=1, max=_MOST_PLACES, help="How many planes, and how many sockets, a target touches in turn.")
+        int,
+        typer.Option(min=1, max=_MOST_PLACES, help="How many planes, and sockets, a target touches in turn.", rich_help_panel=EXPERT),
     ] = 4,
     reference: Reference = None,
     reference_known: Annotated[
-        bool, typer.Option("--reference-known", help="Measure from the reference link itself, not from a frame that stands anywhere.")
+        bool,
+        typer.Option(
+            "--reference-known",
+            help="Measure from the reference link itself, not from a frame that stands anywhere.",
+            rich_help_panel=EXPERT,
+        ),
     ] = False,
     target_known: Annotated[
-        bool, typer.Option("--target-known", help="Measure the targets' links themselves, not something that sits anywhere on them.")
+        bool,
+        typer.Option(
+            "--target-known",
+            help="Measure the targets' links themselves, not something that sits anywhere on them.",
+            rich_help_panel=EXPERT,
+        ),
     ] = False,
     overwrite: Overwrite = False,
     screen: Screen = None,
@@ -153,7 +176,7 @@ def simulate(
         for place, marks in written.items():
             require_marked(place, marks, "result of urdfcal simulate")
     rng = np.random.default_rng(seed)
-    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise, target_noise_mm, orientation_noise_deg)
+    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
     area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
     sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
@@ -180,7 +203,7 @@ def simulate(
     sizes = {"spot_mm": spot_noise_mm} if lasers else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
-    stated = {"distribution": noise, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
+    stated = {"distribution": noise.value, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
     comments = [
         f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
         f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
@@ -197,7 +220,7 @@ def simulate(
     deliver({**({truth_file: truth} if truth_file else {}), output: measurements_csv(data, comments)})
     finish(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
-        f"wrote {output} ({len(data)} simulated poses) and {truth_file}"
+        f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {truth_file}"
         if truth_file
         else f"{len(data)} simulated poses; the truth is not kept",
         quiet,

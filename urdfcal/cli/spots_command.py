@@ -221,9 +221,11 @@ def _colours_of(colours: str | None, count: int) -> tuple[str, ...] | None:
 
 def _predicted(arm: Robot, table: Table, rows: list[int]) -> tuple[Array3, tuple[str, ...]]:
     """Spots of the nominal robot in the poses' order, and what is odd about the joints' positions."""
+    from urdfcal.sensors.column_names import as_people_write
     from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.vision.render.pictures import nominal_spots
 
-    joints = JointColumns(table, arm)
-    odd = tuple(joints.warnings())
+    named = as_people_write(table, arm)
+    joints = JointColumns(named, arm)
+    odd = (*named.notes, *joints.warnings())
     return nominal_spots(arm, joints.positions[rows]).spots, odd

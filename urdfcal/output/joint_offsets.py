@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import RigError, RobotError
 from urdfcal.base.geometry import MM, SE3, Matrix, Vector, rotation_screw, translation_screw
+from urdfcal.base.terminal import rounded
 from urdfcal.output.driver_yaml import yaml_text
 from urdfcal.robot.configurations import WholeRobot, has_room
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
@@ -64,8 +65,9 @@ class OffsetLoss:
         if self.max_mm < _NOTHING:
             return ()
         return (
-            f"offsets alone keep the nominal geometry: they leave '{self.tool}' {self.mean_mm:.3g} mm off in the mean and "
-            f"{self.max_mm:.3g} mm at most, of {self.nominal_mean_mm:.3g} and {self.nominal_max_mm:.3g} mm without any correction; "
+            f"offsets alone keep the nominal geometry: they leave '{self.tool}' {rounded(self.mean_mm, 3)} mm off in the mean and "
+            f"{rounded(self.max_mm, 3)} mm at most, of {rounded(self.nominal_mean_mm, 3)} and "
+            f"{rounded(self.nominal_max_mm, 3)} mm without any correction; "
             "where offsets are all that can be deployed, fit with --error-model offset",
         )
 

@@ -11,6 +11,7 @@ from urdfcal.base.errors import did_you_mean, no_such
 from urdfcal.base.tables import Table
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
+from urdfcal.sensors.column_names import ENDINGS, OF_POSES, misspelt
 from urdfcal.sensors.joint_columns import require_joints
 from urdfcal.sensors.pose_columns import APPROACH
 from urdfcal.sensors.readings import blank_readings, instruments_of
@@ -22,7 +23,7 @@ _OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.
 _OF_LASERS = {ending: sensor.name for sensor in SENSORS.values() if sensor.beam for ending in sensor.endings}
 _OF_NOISE = {sensor.sigma_ending for sensor in SENSORS.values() if sensor.sigma_ending}
 _OF_PICTURES = ("u", "v", "sigma_px")
-_OF_POSES = ("set", "session", "pose", "payload", "time", "temperature")
+_LIKE_READING = re.compile(r"(.+)[._/ -](x|qx|roll)(_[a-z]+)?", re.IGNORECASE)
 _FIGAROH = re.compile(r"(x|y|z|phix|phiy|phiz)(\d+)")
 _FIGAROH_WORDS = {"phix": "roll", "phiy": "pitch", "phiz": "yaw"}
 
@@ -83,9 +84,9 @@ def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: 
     _refuse(table, robot, columns, [column for column in named if column not in columns])
     seen = _as_seen(robot, columns, reference, camera, boards)
     require_joints(table, seen)
-    _require_whole_spots(table, seen.rig.lasers)
-    read = _by_target(table, columns, seen.rig.lasers)
-    warnings = (*_never_seen(table, seen.rig.lasers, read), *_unused(table, seen, {column.name for column in named}))
+    _require_whole_spots(table, seen, seen.rig.lasers)
+    read = _by_target(table, seen, columns)
+    warnings = (*_never_seen(table, seen, read), *_unused(table, seen, {column.name for column in named}))
     return Columns(seen, read, warnings)
 
 
@@ -101,7 +102,7 @@ def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pic
     if fault is None and in_pictures and not any(column.sensor for column in columns):
         fault = in_pictures[0].name, "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
     if fault is None and not in_pictures and not columns:
-        fault = lost_column(table.names, robot)
+        fault = without_link(table.names) or lost_column(table.names, robot) or nothing_read(table.names, robot)
     if fault is not None:
         raise table.fail(None, *fault)
 
@@ -113,21 +114,21 @@ def _as_seen(robot: Robot, columns: Sequence[ReadingColumn], reference: str, cam
     return robot.seen_by(instruments, robot.lasers if spots else ()) if instruments.needed else robot
 
 
-def _require_whole_spots(table: Table, lasers: Sequence[str]) -> None:
+def _require_whole_spots(table: Table, robot: Robot, lasers: Sequence[str]) -> None:
     """Refuse one coordinate of a spot without the other, also where an x beside it makes a point of it."""
     for laser in lasers:
         given = [ending for ending in SENSORS["spot"].endings if f"{laser}.{ending}" in table.names]
         if given:
-            _require_whole(table, "spot", laser, given)
+            _require_whole(table, robot, "spot", laser, given)
 
 
-def _require_whole(table: Table, sensor: str, target: str, given: Collection[str]) -> None:
+def _require_whole(table: Table, robot: Robot, sensor: str, target: str, given: Collection[str]) -> None:
     lacking = SENSORS[sensor].lacking(target, given)
     if lacking is not None:
-        raise table.fail(None, f"{target}.{lacking[0]}", lacking[1])
+        raise table.fail(None, f"{target}.{lacking[0]}", f"{lacking[1]}{misspelt(f'{target}.{lacking[0]}', table, robot)}")
 
 
-def _by_target(table: Table, columns: Sequence[ReadingColumn], lasers: Sequence[str]) -> Mapping[tuple[str, str], Group]:
+def _by_target(table: Table, robot: Robot, columns: Sequence[ReadingColumn]) -> Mapping[tuple[str, str], Group]:
     """Columns by target and sensor; those of lasers first.
 
     Raises:
@@ -137,8 +138,8 @@ def _by_target(table: Table, columns: Sequence[ReadingColumn], lasers: Sequence[
     for column in (column for column in columns if column.sensor):
         groups.setdefault((column.target, column.sensor), {})[column.ending] = column
     for (target, sensor), group in groups.items():
-        _require_whole(table, sensor, target, group)
-    chosen = [key for laser in lasers if (key := _chosen(laser, groups)) is not None]
+        _require_whole(table, robot, sensor, target, group)
+    chosen = [key for laser in robot.rig.lasers if (key := _chosen(laser, groups)) is not None]
     return {key: groups[key] for key in chosen} | {key: group for key, group in groups.items() if not SENSORS[key[1]].beam}
 
 
@@ -148,16 +149,17 @@ def _chosen(laser: str, groups: Collection[tuple[str, str]]) -> tuple[str, str] 
     return min(spots, key=lambda key: key[1] == "spot", default=None)
 
 
-def _never_seen(table: Table, lasers: Sequence[str], read: Collection[tuple[str, str]]) -> Iterator[str]:
+def _never_seen(table: Table, robot: Robot, read: Collection[tuple[str, str]]) -> Iterator[str]:
     """A warning for each laser that has no columns.
 
     Raises:
         MeasurementError: there are no others.
     """
     targets = {target for target, _ in read}
-    unseen = [laser for laser in lasers if laser not in targets]
-    if unseen and unseen == list(lasers):
-        raise table.fail(None, f"{unseen[0]}.y", "is missing, and no other laser has columns; expected <laser>.y and <laser>.z")
+    unseen = [laser for laser in robot.rig.lasers if laser not in targets]
+    if unseen and unseen == list(robot.rig.lasers):
+        expected = "is missing, and no other laser has columns; expected <laser>.y and <laser>.z"
+        raise table.fail(None, f"{unseen[0]}.y", f"{expected}{misspelt(f'{unseen[0]}.y', table, robot)}")
     for laser in unseen:
         yield f"{table.path}: laser '{laser}' of the robot has no columns; it is taken as never seen"
 
@@ -166,7 +168,7 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
     """A warning for each column that means nothing."""
     known = {
         *meant,
-        *_OF_POSES,
+        *OF_POSES,
         *(f"{joint.name}.{APPROACH}" for joint in robot.chain.inputs),
         *(f"{laser}.{ending}" for laser in robot.rig.lasers for ending in (*SENSORS["spot"].endings, "sigma")),
         *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
@@ -217,6 +219,49 @@ def lost_column(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
             return name, no_such("link", link, links)
         if dot and link in links and ending not in _OF_TARGETS and ending not in _OF_NOISE:
             return name, f"the ending '.{ending}' means nothing; expected one of {', '.join(f'.{own}' for own in _OF_TARGETS)}"
+    return None
+
+
+def without_link(names: Collection[str]) -> tuple[str, str] | None:
+    """Where a header means nothing at all: the first column that is a reading but for the link, and how to name it."""
+    known = [name for name in names if name.casefold() in ENDINGS]
+    what = SENSORS[(_OF_TARGETS | _OF_LASERS)[known[0].casefold()]].words.several if known else ""
+    if not known:
+        return None
+    return known[0], f"the file looks like {what} ({', '.join(known)}); which link are they of? name it with --target LINK"
+
+
+def nothing_read(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
+    """Where a header means nothing at all, and no laser with a screen that it may be about: what columns of readings look like."""
+    lasers, screen = robot.lasers or lasers_by_name(robot.tree), robot.screen or "screen"
+    if lasers and (screen in robot.tree.links or any(name.rpartition(".")[0] in lasers for name in names)):
+        return None
+    if (fault := _of_no_link(names, robot)) is not None:
+        return fault
+    spots = [name for name in names if name.endswith((".y", ".z"))]
+    if spots:
+        link = spots[0].rpartition(".")[0]
+        return spots[0], (
+            f"the file looks like laser spots (.y and .z), and the robot has {'no link' if link not in robot.tree.links else 'a link'} "
+            f"'{link}'; name the lasers with --laser LINK and the screen with --screen LINK, or give a point its .x too"
+        )
+    if not any(joint in names for joint in robot.tree.joints):
+        return None
+    link = max(robot.tree.links, key=lambda name: sum(joint.moves for joint in robot.tree.path_from_root(name)))
+    return f"{link}.x", (
+        f"is missing, and so is every other reading: the file has joints alone; expected for example {link}.x, {link}.y, {link}.z "
+        "(points), or x, y, z with --target LINK"
+    )
+
+
+def _of_no_link(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
+    """The first column that looks like a reading of a link that there is not, as `marker_x` does."""
+    for name in names:
+        match = None if name in robot.tree.joints else _LIKE_READING.fullmatch(name)
+        if match is not None:
+            what = SENSORS[_OF_TARGETS[match[2].lower()]].words.several
+            found = f"the file looks like {what} of '{match[1]}', and there is {no_such('link', match[1], robot.tree.links)}"
+            return name, f"{found}; or name the columns x, y, z ... and use --target LINK"
     return None
 
 

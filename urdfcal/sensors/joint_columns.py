@@ -21,6 +21,7 @@ from urdfcal.robot.configurations import has_room
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.robot.urdf_xml import FARTHEST
+from urdfcal.sensors.column_names import misspelt
 from urdfcal.sensors.sensor import QUANTITIES
 
 _TURNS = 4 * math.pi  # a continuous joint is hardly ever farther from zero than this, unless it is in degrees
@@ -35,8 +36,21 @@ def require_joints(table: Table, robot: Robot) -> None:
     Raises:
         MeasurementError: naming the first that is missing.
     """
-    for joint in robot.chain.inputs:
-        table.require(joint.name, "a column for each joint on the way")
+    missing = [name for name in robot.chain.input_names if name not in table.names]
+    if missing:
+        raise table.fail(None, missing[0], _missing(table, robot, missing))
+
+
+def _missing(table: Table, robot: Robot, missing: Sequence[str]) -> str:
+    """What is to be said of joints without a column."""
+    first, *others = missing
+    if (recorded := f"{first}.pos") in table.names:
+        return (
+            f"is missing, and '{recorded}' does not say its unit, which LeRobot has as degrees or as -100 to 100 of the calibrated range; "
+            f"write '{first} [deg]' if these are degrees, else record them so (use_degrees), since a share of a range is no angle"
+        )
+    too = f", and so {'are' if len(others) > 1 else 'is'} {', '.join(map(repr, others))}" if others else ""
+    return f"is missing{too}; expected a column for each joint on the way{misspelt(first, table, robot)}"
 
 
 @dataclass(frozen=True)

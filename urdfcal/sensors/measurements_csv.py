@@ -14,6 +14,7 @@ from urdfcal.base.tables import Table, csv_text, read_table
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import FARTHEST
+from urdfcal.sensors.column_names import as_people_write
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
 from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
@@ -46,13 +47,13 @@ def read_measurements(
         reference: Link that the measuring frame of points and orientations stands on; by default `tracker`, or the root.
         boards: Links that are boards, with the grids of their corners; `<link>:<corner>.u .v` are then one board's.
         camera: What pixels were read with, a `sensors.camera.Camera`; spots of lasers with pixels are then taken from these.
-        target: Link that columns named x1, y1, z1, phix1, phiy1, phiz1 (figaroh's) belong to.
+        target: Link that columns named x, y, z, qx ... alone, or x1, y1, z1, phix1, phiy1, phiz1 (figaroh's), belong to.
 
     Raises:
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
-    table = with_our_names(read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose"), target or "")
+    table = read_named_table(path, robot, target)
     columns = columns_of(table, robot, reference or "", camera, boards or {})
     joints = JointColumns(table, columns.robot)
     q, names = joints.positions, tuple(joint.name for joint in columns.robot.chain.inputs)
@@ -67,7 +68,7 @@ def read_measurements(
         source=str(path),
         sha256=table.sha256,
         lines=np.array(table.lines),
-        warnings=(*columns.warnings, *joints.warnings(), *facts.warnings),
+        warnings=(*table.notes, *columns.warnings, *joints.warnings(), *facts.warnings),
         reference=reference or "",
         camera=camera,
         boards=boards or {},
@@ -76,6 +77,16 @@ def read_measurements(
         time=facts.time,
         temperature=facts.temperature,
     )
+
+
+def read_named_table(path: str | Path, robot: Robot, target: str | None = None) -> Table:
+    """A file of measurements as a table with our names for its columns, whoever wrote them.
+
+    Raises:
+        MeasurementError: it cannot be read as a table, or a column may mean two things.
+    """
+    table = read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose")
+    return as_people_write(with_our_names(table, target or ""), robot, target or "")
 
 
 def _all_readings(table: Table, columns: Columns) -> tuple[Readings, ...]:

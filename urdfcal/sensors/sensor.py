@@ -16,6 +16,7 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, SE3, Array3, Array4, Labels, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
+from urdfcal.base.terminal import rounded
 from urdfcal.robot.rig import SIX, Place
 
 Quantity = Literal["length", "angle", "pixel", "ratio", "label"]
@@ -70,7 +71,7 @@ class Words:
 
     def told(self, sigma: float) -> str:
         """A standard deviation in SI as `0.28 mm`."""
-        return f"{sigma / self.size:.3g} {self.unit}"
+        return f"{rounded(sigma / self.size, 3)} {self.unit}"
 
 
 @dataclass(frozen=True)

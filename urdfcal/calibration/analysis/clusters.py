@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.error_table import SpotTable, error_table, main_unit
 from urdfcal.calibration.outliers import gross_mask
 from urdfcal.calibration.problem import problem_of
@@ -72,7 +73,7 @@ class Cluster:
         """In a sentence."""
         return (
             f"at neighbouring {SETS[self.set]} poses ({listed(self.poses)}) the calibrated robot is "
-            f"{self.calibrated:.3g} {self.unit} off (RMS), the nominal one {self.nominal:.3g} {self.unit}"
+            f"{rounded(self.calibrated, 3)} {self.unit} off (RMS), the nominal one {rounded(self.nominal, 3)} {self.unit}"
         )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, listed, pose_distances, worst_clusters
 from urdfcal.calibration.asking.stands_out import WORDS
 from urdfcal.calibration.error_table import main_unit
@@ -98,7 +99,9 @@ def worst_poses(found: FitResult) -> tuple[str, ...]:
     if not after > before + ROUNDING:
         return ()
     unit, kind = main_unit(found.after), SETS[judged_set(found)]
-    return (f"the worst of the {kind} poses is {after:.3g} {unit} off, with the nominal robot the worst is {before:.3g} {unit}",)
+    return (
+        f"the worst of the {kind} poses is {rounded(after, 3)} {unit} off, with the nominal robot the worst is {rounded(before, 3)} {unit}",
+    )
 
 
 def worse_somewhere(found: FitResult) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector, X, Y
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.more_poses import FURTHER, covariance, information_of_a_pose, without_lost
 from urdfcal.calibration.analysis.prediction import default_far, default_tool, spread
 from urdfcal.calibration.analysis.tool_accuracy import motion_up_to_constants
@@ -168,8 +169,8 @@ def _more_poses(trial: Trial, rng: np.random.Generator) -> Iterator[Suggestion]:
     if needed is not None:
         then = left(needed)
         poses = trial.data.pose_count + needed
-        words = f"more poses: about {poses} of the same kind, which leave {link} {then / MM:.2g} mm off up to a constant"
-        yield Suggestion(f"{words}, now {now / MM:.2g} mm", 1 - then / now)
+        words = f"more poses: about {poses} of the same kind, which leave {link} {rounded(then / MM, 2)} mm off up to a constant"
+        yield Suggestion(f"{words}, now {rounded(now / MM, 2)} mm", 1 - then / now)
 
 
 def _candidates(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[str, Matrix]]:

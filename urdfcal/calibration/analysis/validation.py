@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.error_table import SpotTable, error_table, main_unit, rms_of
 from urdfcal.calibration.extra_noise import widened
 from urdfcal.calibration.fitting import fit
@@ -157,11 +158,11 @@ def coverage_warnings(robot: Robot, calibration: FitResult) -> tuple[str, ...]:
     if not compared.worse:
         return ()
     fitted, tested = rms_of(calibration.after, unit), rms_of(calibration.test[1], unit)
-    sizes = f"{tested:.3g} {unit} RMS against {fitted:.3g} {unit}"
+    sizes = f"{rounded(tested, 3)} {unit} RMS against {rounded(fitted, 3)} {unit}"
     expected = compared.predicted > tested / MUCH_WORSE
     head = (
         f"the test poses are {tested / fitted:.1f} times worse than the calibration poses ({sizes}), {'as' if expected else 'more than'} "
-        f"the fit's own uncertainty predicts ({compared.predicted:.3g} {unit}): "
+        f"the fit's own uncertainty predicts ({rounded(compared.predicted, 3)} {unit}): "
     )
     if compared.alone:
         return (f"{head}{compared.alone} alone is to blame; is it an outlier?",)

@@ -16,6 +16,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.clusters import usual_tables
 from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
@@ -223,7 +224,10 @@ def _turns_better(tool: ToolAccuracy) -> Iterator[Finding]:
     gain, mrad = tool.turning, 1e-3
     if not (gain.better >= CLEARLY and gain.left < _CLEAR):
         off, nominal = gain.after.rms / mrad, gain.before.rms / mrad
-        yield Finding("no", f"{tool.link}: predicted {off:.2g} mrad off, which is not clearly below the nominal robot's {nominal:.2g} mrad")
+        yield Finding(
+            "no",
+            f"{tool.link}: predicted {rounded(off, 2)} mrad off, which is not clearly below the nominal robot's {rounded(nominal, 2)} mrad",
+        )
     else:
         yield Finding(
             "reservations", f"angles alone tell no lengths: {tool.link} stays {_mm(tool.in_base.after.rms)} off in the base frame"
@@ -256,7 +260,7 @@ def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) 
     times, readings = off / expected, sum(row.n for row in after.values())
     by_chance = 1 + _CHANCE / math.sqrt(4 * max(readings, 1))  # an RMS of 2 n numbers scatters by 1 / sqrt(4 n)
     if off > least and times > _FAR * by_chance:
-        words = f"{what} are {rms_in_words(after)} off (RMS), {times:.2g} times what can be expected"
+        words = f"{what} are {rms_in_words(after)} off (RMS), {rounded(times, 2)} times what can be expected"
         yield Finding("no" if times > _FARTHER * by_chance else "reservations", words)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from urdfcal.base.terminal import displayed, figures_table, titled
+from urdfcal.base.terminal import displayed, figures_table, rounded, titled
 from urdfcal.calibration.analysis.check import Check
 from urdfcal.estimation.identifiability import HiddenSum, in_words
 from urdfcal.model.parameters import INSTRUMENTS
@@ -99,7 +99,9 @@ def _sigma_table(check: Check) -> RenderableType:
         if parameter.kind in INSTRUMENTS:
             continue
         unit, size = displayed(parameter.unit)
-        table.add_row(parameter.name, f"{parameter.sigma / size:.3g}", f"{sigma / size:.3g}" if determined else "not determined", unit)
+        table.add_row(
+            parameter.name, rounded(parameter.sigma / size, 3), rounded(sigma / size, 3) if determined else "not determined", unit
+        )
     return titled("What a fit of these poses would claim", table)
 
 
@@ -108,7 +110,7 @@ def _index_table(check: Check) -> RenderableType:
     table.add_column("value", justify="right")
     table.add_column("meaning, in units of the prior over the noise")
     for name, value in check.observability.indices.items():
-        table.add_row(name, f"{value:.3g}", _MEANINGS[name])
+        table.add_row(name, f"{rounded(value, 3)}", _MEANINGS[name])
     return titled("Observability", table)
 
 

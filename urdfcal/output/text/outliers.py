@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from urdfcal.base.terminal import figures_table, titled
+from urdfcal.base.terminal import figures_table, rounded, titled
 from urdfcal.calibration.outliers import Outlier
 from urdfcal.calibration.result import FitResult
 from urdfcal.sensors.measurements import Measurements
@@ -41,7 +41,7 @@ class OutlierGroup:
 
     def cells(self) -> tuple[str, ...]:
         """Its row of the table."""
-        lengths = ("" if length is None else f"{length:.3g}" for length in (self.median, self.farthest))
+        lengths = ("" if length is None else f"{rounded(length, 3)}" for length in (self.median, self.farthest))
         return (self.name, self.why, str(self.number), *lengths, self.pose)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import as_text, displayed, figures_table, titled, value_and_sigma
+from urdfcal.base.terminal import as_text, displayed, figures_table, rounded, titled, value_and_sigma
 from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import verdict_of
 from urdfcal.calibration.error_table import main_unit, rms_of
@@ -59,7 +59,9 @@ class Extras:
         blocks: list[RenderableType] = []
         if self.spots is not None:
             rows = zip(self.spots.lasers, self.spots.median / MM, self.spots.most / MM, self.spots.worst / MM, strict=True)
-            words = "; ".join(f"{laser} {median:.2g}, {most:.2g}, {worst:.2g} mm" for laser, median, most, worst in rows)
+            words = "; ".join(
+                f"{laser} {rounded(median, 2)}, {rounded(most, 2)}, {rounded(worst, 2)} mm" for laser, median, most, worst in rows
+            )
             blocks += [f"Predicted error of the spots over the workspace (median, 95 %, worst): {words}"]
         return blocks
 
@@ -273,8 +275,9 @@ def _frames(calibration: FitResult) -> list[RenderableType]:
 def _scales(chosen: Evidence) -> str:
     mm, mrad = chosen.scales["translation"] / MM, 1e3
     return (
-        f"priors chosen by evidence: joint translations {mm:.2g} mm, rotations {chosen.scales['rotation'] * mrad:.2g} mrad, "
-        f"zeros {chosen.scales['zero'] * mrad:.2g} mrad"
+        f"priors chosen by evidence: joint translations {rounded(mm, 2)} mm, "
+        f"rotations {rounded(chosen.scales['rotation'] * mrad, 2)} mrad, "
+        f"zeros {rounded(chosen.scales['zero'] * mrad, 2)} mrad"
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix
 from urdfcal.base.rotations import skew
-from urdfcal.base.terminal import displayed, figures_table, titled, value_and_sigma
+from urdfcal.base.terminal import displayed, figures_table, rounded, titled, value_and_sigma
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.problem import Problem
 
@@ -82,8 +82,8 @@ def sag_words(sag: SagFit) -> str:
     left, what = sag.held_out, " and ".join(("sag", *sag.kept))
     trimmed = ", outliers left out" if any(outlier.kind != "exchanged" for outlier in sag.calibration.outliers) else ""
     return (
-        f"{head}: held-out poses ({left.folds}-fold{trimmed}) {left.geometry:.3g} {left.unit} RMS with geometry alone, "
-        f"{left.sag:.3g} {left.unit} with {what} ({100 * (left.ratio - 1):+.0f} %); log evidence {sag.gain:+.0f}"
+        f"{head}: held-out poses ({left.folds}-fold{trimmed}) {rounded(left.geometry, 3)} {left.unit} RMS with geometry alone, "
+        f"{rounded(left.sag, 3)} {left.unit} with {what} ({round(100 * (left.ratio - 1)):+d} %); log evidence {sag.gain:+.0f}"
     )
 
 
@@ -107,8 +107,8 @@ def pair_words(sag: SagFit | None) -> tuple[str, ...]:
         return ()
     found = ", ".join(" ".join(row) for row in extras_rows(sag))
     return (
-        f"a compensation beside the geometry ({found or 'sag'}) brings held-out poses from {left.geometry:.3g} to "
-        f"{left.sag:.3g} {left.unit}: --compensation FILE with --force writes that pair",
+        f"a compensation beside the geometry ({found or 'sag'}) brings held-out poses from {rounded(left.geometry, 3)} to "
+        f"{rounded(left.sag, 3)} {left.unit}: --compensation FILE with --force writes that pair",
     )
 
 

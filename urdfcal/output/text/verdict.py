@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from urdfcal.base.geometry import MM
-from urdfcal.base.terminal import figures_table, titled
+from urdfcal.base.terminal import figures_table, rounded, titled
 from urdfcal.calibration.analysis.tool_accuracy import Gain, ToolAccuracy
 from urdfcal.calibration.analysis.verdict import Verdict
 
@@ -47,7 +47,7 @@ def accuracy_rows(verdict: Verdict) -> list[tuple[str, ...]]:
 
 def constant_words(tool: ToolAccuracy) -> str:
     """What the constant may be."""
-    base = f"{rough_mm(tool.base_shift)} mm and {tool.base_turn * 1e3:.2g} mrad"
+    base = f"{rough_mm(tool.base_shift)} mm and {rounded(tool.base_turn * 1e3, 2)} mrad"
     return f"What the constant may be (a standard deviation): base {base}, tool {rough_mm(tool.tool_shift)} mm"
 
 

@@ -1,0 +1,56 @@
+"""How help looks: commands and options in groups, what people need first before the rest, an example at the end; plain, 80 columns."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+EXPERT = "Expert"  # the group of what few need; groups stand in the order in which their first member does, and this one last
+_WIDTH = 80
+
+
+class OurCommand(TyperCommand):
+    """A command whose options stand in groups."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then the options of each group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
+                groups.setdefault(getattr(parameter, "rich_help_panel", None) or usual, []).append(record)
+        _write(formatter, groups)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the example as it stands."""
+        if self.epilog:
+            with formatter.section("Example"):
+                formatter.write("".join(f"  {line}\n" for line in self.epilog.splitlines()))
+
+
+class OurGroup(TyperGroup):
+    """The commands in groups, one line each."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the commands of each group."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        for name in self.list_commands(ctx):
+            command: Any = self.get_command(ctx, name)
+            panel = command.rich_help_panel or "Commands"
+            groups.setdefault(panel, []).append((name, command.get_short_help_str(_WIDTH)))
+        _write(formatter, groups)
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write what comes last as it stands."""
+        if self.epilog:
+            formatter.write_paragraph()
+            formatter.write(f"{self.epilog}\n")
+
+
+def _write(formatter: Any, groups: dict[str, list[tuple[str, str]]]) -> None:
+    """Write groups, the expert's last."""
+    for name in sorted(groups, key=lambda name: name == EXPERT):
+        with formatter.section(name):
+            formatter.write_dl(groups[name], col_max=24)
