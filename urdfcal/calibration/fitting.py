@@ -59,6 +59,7 @@ from urdfcal.sensors.registry import noun
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
+_MOST_SWEEPS = 60  # in which a fit that has more in its model must come to rest, or goes on without
 _MOST_ENTERED = 3  # things that a rig may do at once
 _ANY = 3.0  # degrees of freedom that tell at least whether there is more
 
@@ -323,11 +324,13 @@ class FitTask:
         noise, found = fitted.noise, fitted.scaled.found
         if answer.joint_sigma:
             turning = [not joint.prismatic for joint in self.robot.chain.inputs]
-            noise = replace(noise, joint_sigma=np.where(turning, answer.joint_sigma, 0.0))
+            sigma = np.where(noise.stated, noise.sigma, found.noise.sigma * answer.left)
+            noise = replace(noise, joint_sigma=np.where(turning, answer.joint_sigma, 0.0), sigma=sigma)
         data = fitted.first.model.data
         errors = with_rig(fitted.first.model.errors, answer.rig, courses_of(data) if answer.rig else {})
         start = np.concatenate([found.belief.x, np.zeros(len(answer.rig))])
-        first = _first_fit(replace(fitted.first.method, start=start), problem_of(errors, data, noise), start, noise, fitted.first.message)
+        method = replace(fitted.first.method, start=start, max_sweeps=min(_MOST_SWEEPS, self.method.max_sweeps or _MOST_SWEEPS))
+        first = _first_fit(method, problem_of(errors, data, noise), start, noise, fitted.first.message)
         clean = first.without_outliers(noise, Judge(self.robot, nominal, self.gravity))
         return replace(fitted, first=first, clean=clean, scaled=self._scaled(first, clean, noise), noise=noise)
 

@@ -24,7 +24,7 @@ def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
         spread = fitted.spread(roots)
         gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
         scale = np.sqrt(spread.total / spread.numbers)  # what is left of the sensor's own noise
-        tried.append((gain, float(sigma * scale), roots, 1 - spread.total / fitted.total))
-    gain, sigma, roots, share = max(tried, key=lambda each: each[0])
+        tried.append((gain, float(sigma * scale), roots, 1 - spread.total / fitted.total, float(scale)))
+    gain, sigma, roots, share, left = max(tried, key=lambda each: each[0])
     price = float(np.log(len(tried)))
-    return Answer("joint_noise", "", gain - price, np.empty((rows * m, 0)), share=share, noise=roots, joint_sigma=sigma)
+    return Answer("joint_noise", "", gain - price, np.empty((rows * m, 0)), share=share, noise=roots, joint_sigma=sigma, left=left)

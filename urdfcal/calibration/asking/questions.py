@@ -50,6 +50,7 @@ class Answer:
         share: Of what the fit leaves unexplained, which it explains.
         noise: Of a noise, roots of the inverse covariance of each row's numbers beside their own, (rows, m, m).
         joint_sigma: Noise of the joints' readings that it is, [rad].
+        left: Share of their own noise that it leaves to sensors.
     """
 
     what: str
@@ -61,6 +62,7 @@ class Answer:
     share: float = 0.0
     noise: Array3 | None = field(default=None, repr=False)
     joint_sigma: float = 0.0
+    left: float = 1.0
 
     def enters(self, before: Sequence[Answer]) -> bool:
         """Whether it is surely there, and belongs into the fit and not into a compensation: the rig does it, or it is noise.
