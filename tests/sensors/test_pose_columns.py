@@ -58,7 +58,7 @@ def test_directions_may_be_stated(tmp_path: Path, robots: dict[str, Robot]) -> N
     assert data.approach[:, elbow].tolist() == [1, -1, 0, 0]
     assert data.approach[:, 0].tolist() == [0, 1, 1, 1]
     assert not data.warnings
-    with pytest.raises(MeasurementError, match=r"column elbow_joint\.approach: '2' is no direction; expected -1, 0 or 1"):
+    with pytest.raises(MeasurementError, match=r"column 'elbow_joint\.approach': '2' is no direction; expected -1, 0 or 1"):
         read(tmp_path, robots, {"elbow_joint.approach": [1, 2, 0, ""]})
 
 

@@ -240,7 +240,10 @@ class SpotSensor(Sensor):
 
 
 def _bow(view: View, spots: Matrix) -> Disturbance:
-    """A screen at x = b_yy y^2 + b_yz y z + b_zz z^2: a beam along d meets it farther along by x / d_x."""
+    """A screen at x = b_yy y^2 + b_yz y z + b_zz z^2: a beam along d meets it farther along by x / d_x.
+
+    How the slopes change with d is left out: some hundredths of what a bow does.
+    """
     y, z = spots.T
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = view.R[:, 1:, 2] / view.R[:, :1, 2]
