@@ -21,7 +21,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -118,12 +117,12 @@ class Softness:
             approach: Direction of each measured joint's last move, (n, inputs): -1, 0 or 1.
         """
         basis = np.zeros((len(q), len(self.terms)))
-        own, joints, directions = self._pulled
-        if len(own):
+        own = [number for number, term in enumerate(self.terms) if term.largest]
+        if own:
             moments = self.weighed.moments(q)
             if payload is not None and np.any(payload):
                 moments += payload[:, None, None] * self.weighed.payload_moments(q, self.carrier)
-            basis[:, own] = (moments[:, joints] * directions).sum(axis=2)
+            basis[:, own] = pulled(self.chain, [self.terms[number] for number in own], moments)
         inputs = {joint.name: index for index, joint in enumerate(self.chain.inputs)}
         for number, term in enumerate(self.terms):
             what, name = term.name.rpartition(".")[2], self.chain.moving[term.joint].joint.name
@@ -140,13 +139,11 @@ class Softness:
                 basis[:, number] = 1.0
         return basis
 
-    @cached_property
-    def _pulled(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Matrix]:
-        """Gravity's terms: their numbers and joints, (k,), and their axes over the largest moments, (k, 3), [1/(N m)]."""
-        own = [number for number, term in enumerate(self.terms) if term.largest]
-        pulled = [self.terms[number] for number in own]
-        axes = [np.array(self.chain.moving[term.joint].joint.axis if term.axis is None else term.axis) / term.largest for term in pulled]
-        return np.array(own, dtype=np.intp), np.array([term.joint for term in pulled], dtype=np.intp), np.array(axes).reshape(-1, 3)
+
+def pulled(chain: Chain, terms: Sequence[Term], moments: Array3) -> Matrix:
+    """What gravity's terms are multiplied by, (n, terms), where the joints carry moments (n, moving, 3), [N m]."""
+    axes = [np.array(chain.moving[term.joint].joint.axis if term.axis is None else term.axis) / term.largest for term in terms]
+    return np.asarray((moments[:, [term.joint for term in terms]] * np.array(axes)).sum(axis=2))
 
 
 def gravity_terms(chain: Chain, moments: Array3) -> tuple[Term, ...]:

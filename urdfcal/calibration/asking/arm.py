@@ -11,9 +11,8 @@ import numpy as np
 from urdfcal.base.geometry import Array3, Matrix
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.questions import Question
-from urdfcal.calibration.richer import usual_range
 from urdfcal.model.gravity import WeighedRobot
-from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms
+from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms, pulled
 
 _WAVES = (("ecc_sin", "ecc_cos"), ("ecc_sin2", "ecc_cos2"))
 _WHAT = {"scale": "scale", "approach": "approach"} | {name: "eccentricity" for waves in _WAVES for name in waves}
@@ -34,13 +33,15 @@ def arm_columns(ground: Ground) -> tuple[Array3, list[Question]]:
 def _pulled(ground: Ground, weighed: WeighedRobot) -> tuple[Array3, list[Question]]:
     """What one gravity does: sag, and what a payload adds where that changes."""
     chain, data = ground.robot.chain, ground.model.data
-    terms = gravity_terms(chain, weighed.moments(usual_range(ground.robot, data)))
-    softness = Softness(chain, terms, weighed, ground.robot.rig.tip)
-    basis, count, price = softness.basis(data.q, data.payload), len(terms), float(np.log(len(ground.pulls)))
-    questions = [Question("sag", "", np.arange(count), price)] if terms else []
-    if terms and data.payload is not None and np.ptp(data.payload) > 0:
+    moments = weighed.moments(data.q)
+    terms, price = gravity_terms(chain, moments), float(np.log(len(ground.pulls)))
+    if not terms:
+        return _columns(ground, terms, np.empty((len(data), 0))), []
+    basis, count, questions = pulled(chain, terms, moments), len(terms), [Question("sag", "", np.arange(len(terms)), price)]
+    if data.payload is not None and np.ptp(data.payload) > 0:
+        added = pulled(chain, terms, data.payload[:, None, None] * weighed.payload_moments(data.q, ground.robot.rig.tip))
         questions.append(Question("payload", "", np.arange(count, 2 * count), price))
-        basis, terms = np.hstack([basis, basis - softness.basis(data.q)]), (*terms, *terms)
+        basis, terms = np.hstack([basis + added, added]), (*terms, *terms)
     return _columns(ground, terms, basis), questions
 
 

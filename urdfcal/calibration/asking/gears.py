@@ -23,9 +23,12 @@ class Gears:
 
     @cached_property
     def _waves(self) -> list[tuple[Matrix, Matrix]]:
-        """Sin and cos of each joint's angle times CYCLES, (rows, cycles)."""
-        angles = [q[:, None] * CYCLES for _, q in self.ground.turning]
-        return [(np.sin(own), np.cos(own)) for own in angles]
+        """Sin and cos of each joint's angle times CYCLES, (rows, cycles): powers of exp(i q)."""
+        found = []
+        for _, q in self.ground.turning:
+            powers = np.cumprod(np.repeat(np.exp(1j * q)[:, None], CYCLES[-1], axis=1), axis=1)[:, CYCLES[0] - 1 :]
+            found.append((np.ascontiguousarray(powers.imag), np.ascontiguousarray(powers.real)))
+        return found
 
     def answer(self, fitted: Fitted, cycles: Mask) -> Answer | None:
         """The best harmonic of any joint's gear, of some CYCLES."""
@@ -34,7 +37,7 @@ class Gears:
         for (joint, _), column, waves in zip(self.ground.turning, columns.T, self._waves, strict=True):
             if not count:
                 continue
-            one, other = (own[:, cycles] for own in waves)
+            one, other = waves if cycles.all() else (own[:, cycles] for own in waves)
             pairs = fitted.asked_in_pairs(column, one, other)
             score, gain = pairs.score(pairs.best), -float(np.log(count * columns.shape[1]))
             if best is None or gain + score.gain > best.gain:

@@ -29,13 +29,15 @@ class Ground:
         robot: The nominal robot, as it was measured.
         model: The fit's problem.
         estimate: The fit.
-        gravity: Where down is, and what is carried; down or along another axis of the root link if None.
+        gravity: Where down is, and what is carried; if None down, or along another axis of the root link.
+        anywhere: Whether those other axes are asked about.
     """
 
     robot: Robot
     model: Problem
     estimate: Estimate
     gravity: Gravity | None = None
+    anywhere: bool = False
 
     @cached_property
     def linearisation(self) -> Linearisation:
@@ -69,8 +71,9 @@ class Ground:
 
     @cached_property
     def pulls(self) -> tuple[WeighedRobot, ...]:
-        """The robot with its masses, and with every gravity that there may be."""
-        return tuple(WeighedRobot(self.robot, pull) for pull in ([self.gravity] if self.gravity is not None else map(Gravity, DOWN)))
+        """The robot with its masses, and with every gravity that is asked about."""
+        usual = map(Gravity, DOWN if self.anywhere else DOWN[:1])
+        return tuple(WeighedRobot(self.robot, pull) for pull in ([self.gravity] if self.gravity is not None else usual))
 
     @cached_property
     def turns(self) -> tuple[Array3, tuple[Term, ...]]:

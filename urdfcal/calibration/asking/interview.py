@@ -36,7 +36,13 @@ class Interview:
     ground: Ground
 
     def answers(self, least: float = NAMED) -> list[Answer]:
-        """What stands out by so many nats, strongest first."""
+        """What stands out by so many nats, strongest first; where anything does, gravity may pull elsewhere than down."""
+        found = self._answers(least)
+        if not found or self.ground.gravity is not None or self.ground.anywhere:
+            return found
+        return Interview(replace(self.ground, anywhere=True))._answers(least)
+
+    def _answers(self, least: float) -> list[Answer]:
         fitted, found = self.ground.fitted, list[Answer]()
         while len(found) < _MOST and fitted.total > _EXACT * fitted.numbers:
             known = {answer.cycles for answer in found if answer.cycles}
