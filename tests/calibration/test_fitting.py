@@ -281,7 +281,7 @@ def test_odd_options_are_refused(robots: dict[str, Robot], rng: np.random.Genera
         ({"schedule": "daily"}, "no schedule 'daily'"),
         ({"spot_sigma": 0.0}, "must be above zero"),
         ({"joint_sigma": -1.0}, "not negative"),
-        ({"r": 0.0}, "R must be above zero"),
+        ({"r": 0.0}, "R between 1e-20 and"),
     ):
         with pytest.raises(UsageError, match=message):
             fit(robots["arm7"], data, **wrong)

@@ -162,10 +162,10 @@ def test_any_two_links_can_be_screen_and_laser(run_cli: Run, example_robots: Pat
 def test_warnings_go_to_stderr_and_can_be_silenced(run_cli: Run, tmp_path: Path) -> None:
     """A column that means nothing is warned of on stderr; -q keeps still."""
     text = MEASUREMENTS.read_text().splitlines()
-    odd = [line if line.startswith("#") else line + (",temperature" if line.startswith("pose") else ",20") for line in text]
+    odd = [line if line.startswith("#") else line + (",humidity" if line.startswith("pose") else ",20") for line in text]
     (tmp_path / "odd.csv").write_text("\n".join(odd))
     done = run_cli("evaluate", ARM7, "odd.csv")
-    assert "column 'temperature' means nothing here" in done.err
+    assert "column 'humidity' means nothing here" in done.err
     assert "temperature" not in done.out
     assert run_cli("evaluate", ARM7, "odd.csv", "-q").err == ""
 

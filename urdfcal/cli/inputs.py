@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import urdfcal
 from urdfcal.base.errors import UsageError
-from urdfcal.base.opened import note
 from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
@@ -66,7 +65,6 @@ def load(
         lasers=lasers or (rig.lasers if rig else None),
         xacro_limit=_xacro_limit(xacro_limit),
     )
-    note(robot.description.included)
     warn([f"{robot.tree.label}: {line}" for line in robot.tree.warnings], quiet)
     return robot
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from urdfcal.base import opened
 from urdfcal.base.errors import RobotError
 from urdfcal.base.reading import DESCRIPTION
 
@@ -68,6 +69,7 @@ def expanded(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path
         "gigabytes": limit.gigabytes,
     }
     answer = _answer(json.dumps(request).encode(), path, limit)
+    opened.note(answer["opened"])  # YAML that a macro loads is an input, too
     if "error" in answer:
         raise RobotError(answer["error"])
     return Expanded(base64.b64decode(answer["text"]), tuple(map(Path, answer["files"])))
@@ -108,7 +110,9 @@ def main(request: Mapping[str, Any]) -> None:
         for stream in (0, 1, 2):
             os.dup2(nowhere.fileno(), stream)
     limit_memory(request["gigabytes"])
-    json.dump(_expand(request), answer_to)
+    opened.begin()
+    answer = _expand(request)
+    json.dump({**answer, "opened": opened.opened()}, answer_to)
     answer_to.close()
 
 

@@ -73,13 +73,13 @@ def outliers_together(found: FitResult) -> tuple[str, ...]:
 
 def beyond_geometry(found: FitResult) -> tuple[str, ...]:
     """What readings ask for that geometry has no word for, and that is not in the fit."""
-    out = {own.what: own.words for own in found.stands_out if own.share >= _MUCH and not own.in_fit}
+    out = {own.what: WORDS[own.what] for own in found.stands_out if own.share >= _MUCH and not own.in_fit}
     names = list((out | {name: WORDS[name] for name in found.beyond}).values())
     if not names:
         return ()
     regained = f", without which {found.regained} more would be outliers" if found.regained else ""
     widened = "; what that does is in the sigmas" if out else ""
-    return (f"geometry alone does not explain the readings: the data ask for {' and '.join(names)} beside it{regained}{widened}",)
+    return (f"geometry alone does not explain the readings: the data ask for {listed(names)} beside it{regained}{widened}",)
 
 
 def bad_test_readings(found: FitResult) -> tuple[str, ...]:

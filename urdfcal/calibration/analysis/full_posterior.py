@@ -28,6 +28,7 @@ import numpy as np
 
 from urdfcal.base.geometry import SE3, Matrix, Vector, exponentials, product
 from urdfcal.calibration.analysis.more_poses import covariance, information_of_a_pose
+from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.problem import problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.chi_squared import quantile
@@ -57,6 +58,7 @@ class FullPosterior:
         whitened: Whitened Jacobian of the data at x, (m, p).
         a_pose: Information that a further pose of the same kind would add on average, (p, p).
         q: Joint positions at which the robot was measured, (n, inputs), [rad] or [m].
+        lacking: What stands out in the residuals and is not in the fit; None where nothing does.
     """
 
     errors: ErrorModel
@@ -66,6 +68,7 @@ class FullPosterior:
     whitened: Matrix
     a_pose: Matrix
     q: Matrix
+    lacking: Lacking | None = None
 
     def with_further(self, poses: int) -> Matrix:
         """Covariance after so many further poses of the same kind, (p, p)."""
@@ -81,10 +84,8 @@ def full_posterior(found: FitResult) -> FullPosterior:
     H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
     errors = _with_likely_scales(errors, H, residual + H @ (x - errors.mean), found)
     belief = told(Belief.independent(errors.mean, errors.sigma), H, residual + H @ (x - errors.mean))
-    if found.lacking is not None:
-        belief = Belief(belief.x, found.lacking.widened(belief.P, belief.P, H))
     a_pose = information_of_a_pose(errors, found.data, noise, x, np.random.default_rng(0))
-    return FullPosterior(errors, x, belief.x, belief.P, H, a_pose, found.data.q)
+    return FullPosterior(errors, x, belief.x, belief.P, H, a_pose, found.data.q, found.lacking)
 
 
 def _careful_noise(found: FitResult) -> Noise:

@@ -83,6 +83,8 @@ class Gain:
     def of(A: Array3, posterior: FullPosterior) -> Gain:
         """Of anything that moves by A (n, k, p) per unit of the errors."""
         before, after = (np.hypot(spread(A, posterior.P), np.linalg.norm(A @ off, axis=-1)) for off in _offsets(posterior))
+        if posterior.lacking is not None:
+            after = np.hypot(after, posterior.lacking.beside(Spread.of(after).rms))
         return Gain(Spread.of(before), Spread.of(after), better(A, posterior))
 
     @property

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from urdfcal.base.geometry import Matrix
+from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.calibration.asking.arm import arm_columns
 from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.asking.gears import CYCLES, Gears
@@ -22,8 +22,10 @@ from urdfcal.calibration.asking.joint_noise import joint_noise
 from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.questions import NAMED, Answer, Question
 from urdfcal.calibration.asking.rig import rig_columns, rig_questions
+from urdfcal.calibration.error_table import error_table, main_unit, rms_of
 from urdfcal.estimation.score import Fitted, Score
 from urdfcal.model.rig_terms import RigTerm
+from urdfcal.sensors.sensor import MAIN_UNIT
 
 _MOST = 10  # answers
 _EXACT = 1e-4  # share of the noise's variance, under which data are exact and say nothing more
@@ -73,12 +75,18 @@ class Interview:
             return None
         own, fitted = self.ground.fitted, self.beside(answers)
         p = own.H.shape[1]
-        b, C = (fitted.P @ (fitted.H.T @ fitted.y))[p:], fitted.P[p:, p:]
-        B = np.column_stack([answer.columns for answer in known])
-        root = B @ np.column_stack([b, np.linalg.cholesky(C)])
-        through = own.H.T @ root
-        left = float(np.sum(root**2) - np.sum(through * (own.P @ through)))
-        return Lacking(root[: self.ground.numbers], left / (p - float(np.trace(own.P))))
+        does = np.column_stack([answer.columns for answer in known]) @ fitted.x[p:]
+        through = own.H.T @ does
+        rest = does - own.H @ (own.P @ through)
+        seen = np.eye(p) - own.P  # P H'H: what the data decide of each parameter
+        return Lacking(does[: self.ground.numbers], float(does @ rest) / float(np.sum(seen * seen.T)), self._length(rest))
+
+    def _length(self, rest: Vector) -> float:
+        """Root mean square length of whitened numbers, (N,), in the readings of lengths, [m]; infinite where there are none."""
+        linearisation = self.ground.linearisation
+        sizes = rest.reshape(linearisation.residual.shape) * self.ground.estimate.noise.of_numbers(linearisation)
+        table = error_table(replace(linearisation, residual=sizes), len(self.ground.model.data))
+        return rms_of(table) * MM if main_unit(table) == MAIN_UNIT else np.inf
 
     def _asked(self, fitted: Fitted, known: Collection[int]) -> Iterator[Answer]:
         """The best answer to each sort of question, where gears of some cycles are known."""

@@ -1,8 +1,11 @@
 """What something that is not in a fit does to it, and to what it predicts.
 
 Something B b that geometry has no word for moves the parameters by P H' B b, and leaves M B b in the residuals, as it will in every
-reading to come. The first is added to the covariance as it is, and that is made as much larger as the second is than what it predicts,
-so that predictions are off by as much as they say.
+reading to come. The square of the first is added to the covariance. The second acts as noise that no number of readings averages out:
+what the covariance predicts of readings like those that were made is to be larger by it, so it is taken through P H' as noise is, P H' H P,
+times the mean square that it leaves over what is predicted. So predictions are off by as much as they say, and directions that data do not
+see stay as they were. The coefficients b are those that the data give: where they cannot be told from geometry, geometry makes up for
+them as well in readings to come.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urdfcal.base.geometry import Matrix
+from urdfcal.base.geometry import Matrix, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,20 +22,26 @@ class Lacking:
     """What stands out and is not in a fit.
 
     Attributes:
-        root: B times the root of E[b b'], whitened, (N, k).
+        does: What it does to all that was measured, B b, whitened, (N,).
         left: Mean square that it leaves in the residuals over that of what the covariance predicts.
+        length: Root mean square of what it leaves in readings of lengths, [m]; infinite where there are none.
     """
 
-    root: Matrix
+    does: Vector
     left: float
+    length: float
+
+    def beside(self, predicted: float) -> float:
+        """What it adds to an error that is predicted without it, root mean squares, [m]: in proportion, and no more than it was seen to."""
+        return min(predicted * float(np.sqrt(self.left)), self.length)
 
     def widened(self, P: Matrix, plain: Matrix, H: Matrix) -> Matrix:
-        """A covariance that knows of it, (p, p).
+        """The fit's covariance that knows of it, (p, p).
 
         Args:
             P: The covariance that does not.
             plain: That of the data and the priors alone, from which P may differ by what is unsure of the priors' scales.
             H: Whitened Jacobian, (N or more, p).
         """
-        moved = plain @ (H[: len(self.root)].T @ self.root)
-        return np.asarray(P * (1 + self.left) + moved @ moved.T)
+        seen, moved = plain @ H.T, plain @ (H[: len(self.does)].T @ self.does)
+        return np.asarray(P + self.left * (seen @ seen.T) + np.outer(moved, moved))
