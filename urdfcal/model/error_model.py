@@ -35,6 +35,8 @@ class Placements:
         moves: Which parameters move each of those frames against the screen, (frames, p): of those on its way all.
         anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
         screws: (6, p) those screws, signed for the motion of what lies behind them against the screen.
+
+    Of still placements p is 0.
     """
 
     joints: list[SE3]
@@ -42,10 +44,6 @@ class Placements:
     moves: Any
     anchors: Any
     screws: Matrix
-
-    def still(self) -> Placements:
-        """The same constants without the screws, for predictions that need no derivative."""
-        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0], moves=self.moves[:, :0])
 
 
 @dataclass(frozen=True)
@@ -143,6 +141,14 @@ class ErrorModel:
             frames.append(walk.along(way, depth=frame.depth))
             moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
         return Placements(walk.edges, frames, moves, walk.anchors, walk.screws)
+
+    def still_placements(self, x: Vector, session: str = "") -> Placements:
+        """The same constants without the screws, for predictions that need no derivative."""
+        held = [(np.full_like(columns, -1), value) for columns, value in self._columns[session]]
+        walk = _Walk(0, self.slots, self.slot_values(x, session), held, session)
+        walk.along(self._way)
+        frames = [walk.along(way, depth=frame.depth) for frame, way in zip(self.chain.frames, self._frame_ways, strict=True)]
+        return Placements(walk.edges, frames, np.zeros((len(frames), 0), dtype=bool), walk.anchors, walk.screws)
 
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
