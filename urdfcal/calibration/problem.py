@@ -268,9 +268,7 @@ def seen_placement(frames: Array4, target: int, frame: int | None) -> tuple[Matr
     return (back @ (p - frames[frame][:, :, 3])[..., None])[..., 0], back @ R
 
 
-def seen_by(
-    jac2: Array3, chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None
-) -> tuple[Array3, Array3]:
+def seen_by(jac2: Array3, chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
     """Derivatives by parameter (n, m, p) and by measured joint (n, m, inputs) of what jac2 (n, m, 6) has of a frame's twists in another.
 
     The twists are those of one of a chain's frames in another one, or in the base. Few numbers are seen of many columns: so it is jac2
