@@ -74,6 +74,18 @@ def test_written_origins_are_the_model(robots: dict[str, Robot], name: str, mode
         assert_poses_close(laser, expected, mm=1e-10, mrad=1e-10)
 
 
+@pytest.mark.parametrize("name", ["arm7", "tiago"])
+def test_still_placements_are_the_same_without_screws(robots: dict[str, Robot], name: str, rng: np.random.Generator) -> None:
+    """Where no derivative is asked for, joints and frames stand where they do with it, and nothing is there to differentiate by."""
+    robot = robots[name]
+    errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="placement"))
+    x = rng.normal(0, 0.1, len(errors.names))
+    placed, still = errors.placements(x), errors.still_placements(x)
+    for actual, expected in zip([*still.joints, *still.frames], [*placed.joints, *placed.frames], strict=True):
+        assert_poses_close(actual, expected, mm=1e-10, mrad=1e-10)
+    assert (still.screws.shape, still.anchors.shape, still.moves.shape) == ((6, 0), (0,), (len(placed.frames), 0))
+
+
 def test_untouched_joints_are_not_written(robots: dict[str, Robot]) -> None:
     """Only joints with a parameter in the state get a new origin."""
     robot = robots["panda"]

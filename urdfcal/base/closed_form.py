@@ -56,20 +56,40 @@ def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
         b: Its origins, (n, 3), [m].
         a: Measured points, (n, 3), [m].
     """
-    first = [_in_turn(R, b, a, x, _FIRST_ROUNDS) for x in _OFFSETS]
-    _, Y, x = _in_turn(R, b, a, min(first, key=lambda found: found[0])[2], _ROUNDS)
-    return Y, x
+    in_turn = _InTurn(R, b, a)
+    first = [in_turn.from_offset(x, _FIRST_ROUNDS) for x in _OFFSETS]
+    R_Y, y, x = in_turn.from_offset(min(first, key=in_turn.left)[2], _ROUNDS)
+    return pin.SE3(R_Y, y), x
 
 
-def _in_turn(R: Array3, b: Matrix, a: Matrix, x: Vector, rounds: int) -> tuple[float, SE3, Vector]:
-    """Rotation for a given offset, offset for a given rotation, and so on from x; what is left, Y, and x."""
-    for _ in range(rounds):
-        Y, last = umeyama(a, b + R @ x), x
-        y, x = _translations(R, b, a, Y.rotation)
-        if np.max(np.abs(x - last)) < _STILL:
-            break
-    left = a @ Y.rotation.T + y - (b + R @ x)
-    return float(np.sum(left**2)), pin.SE3(Y.rotation, y), x
+class _InTurn:
+    """Rotation for a given offset, offset for a given rotation, and so on: sums over the poses once, for all rounds.
+
+    What Umeyama projects is linear in x. So are y and x in R_Y: of (R_Y a_i + y) - (R_i x + b_i) the left side's matrix is constant.
+    """
+
+    def __init__(self, R: Array3, b: Matrix, a: Matrix) -> None:
+        self.R, self.b, self.a = R, b, a
+        apart = a - a.mean(axis=0)
+        self.still = (b - b.mean(axis=0)).T @ apart
+        self.by_offset = np.einsum("nij,nk->ikj", R - R.mean(axis=0), apart)  # (3, 3, 3): per number of x on the right
+        inverse = np.linalg.pinv(np.concatenate([np.broadcast_to(np.eye(3), R.shape), -R], axis=2).reshape(-1, 6), rcond=1e-9)
+        self.without = inverse @ b.ravel()
+        self.by_rotation = np.einsum("cnj,nl->cjl", inverse.reshape(6, -1, 3), a).reshape(6, 9)
+
+    def from_offset(self, x: Vector, rounds: int) -> tuple[Matrix, Vector, Vector]:
+        """R_Y, y and x after some rounds that begin at an offset x."""
+        for _ in range(rounds):
+            R_Y, last = nearest_rotation(self.still + self.by_offset @ x), x
+            y, x = np.split(self.without - self.by_rotation @ R_Y.ravel(), 2)
+            if np.max(np.abs(x - last)) < _STILL:
+                break
+        return R_Y, y, x
+
+    def left(self, found: tuple[Matrix, Vector, Vector]) -> float:
+        """What is left over, squared, [m^2]."""
+        R_Y, y, x = found
+        return float(np.sum((self.a @ R_Y.T + y - (self.b + self.R @ x)) ** 2))
 
 
 def _translations(R: Array3, b: Matrix, a: Matrix, R_Y: Matrix) -> tuple[Vector, Vector]:

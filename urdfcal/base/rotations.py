@@ -29,9 +29,10 @@ def product_of_quaternions(one: Matrix, other: Matrix) -> Matrix:
 
 def skew(vectors: Matrix) -> Array3:
     """The matrices of v x ., (n, 3, 3)."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
+    K = np.zeros((len(vectors), 3, 3))
+    for axis, (row, column) in enumerate(((1, 2), (2, 0), (0, 1))):
+        K[:, row, column], K[:, column, row] = -vectors[:, axis], vectors[:, axis]
+    return K
 
 
 def matrices(quaternions: Matrix) -> Array3:

@@ -104,9 +104,8 @@ class Channel:
         if not measured.any():
             return
         look, of_rig = self._look(motion, rows, x)
-        by_parameter, by_joint = seen_twists(self.errors.chain, motion, placed, self.target, self.frame)
         jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
-        jacobian = jac2 @ by_parameter
+        jacobian, by_joint = seen_by(jac2, self.errors.chain, motion, placed, self.target, self.frame)
         columns = self._place_columns[rows]
         if look.by_place is not None and (columns >= 0).any():
             pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
@@ -117,7 +116,7 @@ class Channel:
         linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
         linearisation.jacobian[rows, own] = jacobian
         if linearisation.joint_jacobian.shape[2]:
-            linearisation.joint_jacobian[rows, own] = jac2 @ by_joint
+            linearisation.joint_jacobian[rows, own] = by_joint
         if look.lost is not None:
             linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
 
@@ -260,7 +259,7 @@ class Problem:
 
     def views(self, x: Vector) -> tuple[View, ...]:
         """What every channel looks at, at all poses."""
-        placed = {session: self.errors.placements(x, session).still() for session in self.errors.sessions}
+        placed = {session: self.errors.still_placements(x, session) for session in self.errors.sessions}
         parts = [(rows, self.motion(x, placed[session], rows)) for session, rows in self.parts]
         order = np.argsort(np.concatenate([np.arange(len(self.data))[rows] for rows, _ in parts])) if parts else np.empty(0, dtype=int)
         return tuple(_joined([channel.view(motion, rows, x) for rows, motion in parts], order) for channel in self.channels)
@@ -288,18 +287,20 @@ def seen_placement(frames: Array4, target: int, frame: int | None) -> tuple[Matr
     return (back @ (p - frames[frame][:, :, 3])[..., None])[..., 0], back @ R
 
 
-def seen_twists(chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
-    """Twists of one of a chain's frames in another one or in the base, by parameter (n, 6, p) and by measured joint (n, 6, inputs)."""
+def seen_by(jac2: Array3, chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
+    """Derivatives by parameter (n, m, p) and by measured joint (n, m, inputs) of what jac2 (n, m, 6) has of a frame's twists in another.
+
+    The twists are those of one of a chain's frames in another one, or in the base. Few numbers are seen of many columns: so it is jac2
+    that is brought to the base's origin and axes, and not every column to the measuring frame's.
+    """
     passed = np.arange(1, motion.axis_twists.shape[2] + 1)
     share, joints = placed.moves[target].astype(float), (passed <= chain.frames[target].depth).astype(float)
     if frame is not None:
         share, joints = share - placed.moves[frame], joints - (passed <= chain.frames[frame].depth)
-    by_parameter = motion.jac1 if (share == 1).all() else motion.jac1 * share
-    by_joint = (motion.axis_twists * joints) @ (chain.coupling.T if len(joints) else np.empty((0, 0)))
-    if frame is None:
-        return by_parameter, by_joint
-    back, p = motion.frames[frame][:, :, :3].transpose(0, 2, 1), motion.frames[frame][:, :, 3]
-    return _seen_from(back, p, by_parameter), _seen_from(back, p, by_joint)
+    if frame is not None:
+        jac2 = jac2 @ _from_base(motion.frames[frame])
+    by_joint = ((jac2 @ motion.axis_twists) * joints) @ (chain.coupling.T if len(joints) else np.empty((0, 0)))
+    return (jac2 @ motion.jac1) * share, by_joint
 
 
 def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
@@ -308,10 +309,13 @@ def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
     return View(p, R, place, axes)
 
 
-def _seen_from(back: Array3, p: Matrix, twists: Array3) -> Array3:
-    """Twists at the common origin as the measuring frame at p has them, (n, 6, columns)."""
-    v, w = twists[:, :3], twists[:, 3:]
-    return np.concatenate([back @ (v - skew(p) @ w), back @ w], axis=1)
+def _from_base(frames: Array3) -> Array3:
+    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
+    back = frames[:, :, :3].transpose(0, 2, 1)
+    action = np.zeros((len(frames), 6, 6))
+    action[:, :3, :3] = action[:, 3:, 3:] = back
+    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
+    return action
 
 
 def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:

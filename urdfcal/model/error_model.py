@@ -36,6 +36,8 @@ class Placements:
         moves: Which parameters move each of those frames against the screen, (frames, p): of those on its way all.
         anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
         screws: (6, p) those screws, signed for the motion of what lies behind them against the screen.
+
+    Of still placements p is 0.
     """
 
     joints: list[SE3]
@@ -43,10 +45,6 @@ class Placements:
     moves: Any
     anchors: Any
     screws: Matrix
-
-    def still(self) -> Placements:
-        """The same constants without the screws, for predictions that need no derivative."""
-        return replace(self, anchors=self.anchors[:0], screws=self.screws[:, :0], moves=self.moves[:, :0])
 
 
 @dataclass(frozen=True)
@@ -145,7 +143,15 @@ class ErrorModel:
             walk.passed[:] = False
             frames.append(walk.along(way, depth=frame.depth))
             moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
-        return Placements(walk.edges, frames, moves, walk.anchors, walk.screws)
+        return Placements(walk.edges, frames, moves, walk.anchors, walk.screws.T)
+
+    def still_placements(self, x: Vector, session: str = "") -> Placements:
+        """The same constants without the screws, for predictions that need no derivative."""
+        held = [(np.full_like(columns, -1), value) for columns, value in self._columns[session]]
+        walk = _Walk(0, self.slots, self.slot_values(x, session), held, session)
+        walk.along(self._way)
+        frames = [walk.along(way, depth=frame.depth) for frame, way in zip(self.chain.frames, self._frame_ways, strict=True)]
+        return Placements(walk.edges, frames, np.zeros((len(frames), 0), dtype=bool), walk.anchors, walk.screws.T)
 
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
@@ -294,7 +300,7 @@ class _Walk:
         self.slots, self.values, self.columns, self.session = slots, values, columns, session
         self.edges: list[SE3] = []
         self.anchors = np.zeros(parameters, dtype=int)
-        self.screws = np.zeros((6, parameters))
+        self.screws = np.zeros((parameters, 6))
         self.passed = np.zeros(parameters, dtype=bool)
 
     def along(self, way: Iterable[_Station], depth: int | None = None) -> SE3:
@@ -318,13 +324,15 @@ class _Walk:
             edge = edge * slot.found[self.session]  # a frame that was found is never walked backward
         if inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
             screws, value, columns, sign = screws[::-1], value[::-1], columns[::-1], -1.0
-        for screw, coordinate, column in zip(screws, value.tolist(), columns.tolist(), strict=True):
+        for screw, coordinate, column in zip(screws, (sign * value).tolist(), columns.tolist(), strict=True):
             if column >= 0:
                 self.anchors[column] = depth
-                self.screws[:, column] = sign * edge.act(screw).vector
+                self.screws[column] = edge.act(screw).vector
                 self.passed[column] = True
             if coordinate:
-                edge = edge * pin.exp6(screw * (sign * coordinate))
+                edge = edge * pin.exp6(screw * coordinate)
+        if inverted:
+            self.screws[columns[columns >= 0]] *= sign
         return edge
 
 

@@ -51,6 +51,8 @@ class ArmKinematics:
         self.model, self.layout = chain.new_model(self.bends)
         self.data = self.model.createData()
         self.joints = self.model.njoints
+        self.place([pin.SE3.Identity()] * len(self.layout.first))
+        self._last: tuple[Matrix, Matrix, Array3] | None = None  # placements, positions, frames
 
     @cached_property
     def axis_screws(self) -> Matrix:
@@ -73,6 +75,7 @@ class ArmKinematics:
 
     def place(self, placements: list[SE3]) -> None:
         """Put the moving joints where the error model has them."""
+        self.placements = np.array([placement.homogeneous for placement in placements])
         for joint, placement in zip(self.layout.first, placements, strict=True):
             self.model.jointPlacements[joint] = placement
 
@@ -84,7 +87,16 @@ class ArmKinematics:
         return np.ascontiguousarray(frames.reshape(3, n, -1, 4)[:, :, [0, *self.layout.last]]).reshape(3, n, -1)
 
     def frames(self, positions: Matrix) -> Array3:
-        """Frames of all joints on the screen, (3, n, 4 joints): columns x, y, z, p of the screen, then of each joint."""
+        """Frames of all joints on the screen, (3, n, 4 joints): columns x, y, z, p of the screen, then of each joint.
+
+        What was asked last is known: where the joints are taken for right, sweep after sweep asks the same.
+        """
+        last = self._last
+        if last is None or not np.array_equal(last[0], self.placements) or not np.array_equal(last[1], positions):
+            self._last = last = self.placements, positions.copy(), self._frames(positions)
+        return last[2]
+
+    def _frames(self, positions: Matrix) -> Array3:
         columns = np.empty((len(positions), self.joints, 4, 3))
         view, model, data = self._data_view, self.model, self.data
         for pose, q in zip(columns, positions, strict=True):

@@ -120,7 +120,7 @@ class Measurements:
         rows = distinct(self.q, self.sets, self.sessions, payload, *read) if len(self) else np.arange(0)
         return self if len(rows) == len(self) else self.subset(rows)
 
-    @property
+    @cached_property
     def again(self) -> bool:
         """Whether any pose was read several times."""
         return repeated(self.pose_of)

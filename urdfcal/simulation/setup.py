@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
-from urdfcal.calibration.problem import seen_placement, seen_twists
+from urdfcal.calibration.problem import seen_by, seen_placement
 from urdfcal.calibration.reach import ScreenArea
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
@@ -69,12 +69,12 @@ class SimulatedSetup:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
         errors, chain = self.errors, self.errors.chain
         arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
-        placed = errors.placements(self.x, session).still()
+        placed = errors.still_placements(self.x, session)
         motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
-        seen = {}
+        seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
-                seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_twists(chain, motion, placed, index, 0)[1]
+                seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_by(twists, chain, motion, placed, index, 0)[1]
         return motion, seen
 
     def place(self, name: str) -> Vector:

@@ -136,11 +136,23 @@ class Judged:
         return Gain.of(A[np.isfinite(A).all(axis=(1, 2))], self.posterior)
 
 
+_KEPT = "verdict kept"
 Concern = Callable[[Judged], Iterator[Finding]]
 
 
 def verdict_of(found: FitResult) -> Verdict:
-    """Judge a calibration, about the link that it names, or about the module, target or screen that the calibrated joints carry."""
+    """Judge a calibration, about the link that it names, or about the module, target or screen that the calibrated joints carry.
+
+    Terminal, reports, machines and exit code ask for it: it is kept with the fit, as what `cached_property` keeps.
+    """
+    kept = vars(found)
+    if _KEPT not in kept:
+        kept[_KEPT] = _verdict_of(found)
+    verdict: Verdict = kept[_KEPT]
+    return verdict
+
+
+def _verdict_of(found: FitResult) -> Verdict:
     judged = Judged(found, found.tool or default_tool(found.robot))
     if not (found.converged and np.isfinite(found.x).all() and np.isfinite(found.covariance).all()):
         return Verdict("no", (found.rejection or "the fit gave no finite result",))

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import MM, Array3, Array4, Mask, Matrix, Vector
+from urdfcal.base.rotations import skew
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.jacobian import motion_at
 from urdfcal.sensors.spots import Beams, beams_in
@@ -91,12 +92,15 @@ def misses(model: Problem, x: Vector, derivatives: bool = True) -> Misses:
     errors, chain = model.errors, model.errors.chain
     p = len(errors.names) if derivatives else 0
     e, distance, jacobian = np.empty((n, lasers, 3)), np.empty((n, lasers)), np.empty((n, lasers, 3, p))
-    placed = {session: errors.placements(x, session) for session in errors.sessions}
+    place = errors.placements if derivatives else errors.still_placements
+    placed = {session: place(x, session) for session in errors.sessions}
     for session, rows in model.parts:
-        own = placed[session] if derivatives else placed[session].still()
+        own = placed[session]
         motion = motion_at(model.arm, own, model.positions[rows])
-        jac1 = motion.jac1[:, None] * own.moves[chain.laser_frames][:, None]
-        e[rows], distance[rows], jacobian[rows] = _missed(beams_in(chain, motion), jac1, model.data.spots[rows])
+        e[rows], distance[rows], by_twist = _missed(beams_in(chain, motion), model.data.spots[rows])
+        if p:
+            by_parameter = by_twist.reshape(-1, 3 * lasers, 6) @ motion.jac1
+            jacobian[rows] = by_parameter.reshape(-1, lasers, 3, p) * own.moves[chain.laser_frames][:, None]
     return Misses(e, distance, jacobian)
 
 
@@ -114,12 +118,12 @@ def aim_fit(model: Problem, wanted: Wanted, x: Vector, iterations: int = 40) -> 
     for _ in range(iterations):
         weighing = _Weighing(here.distance, max(scale, wanted.least), seen)
         moved = x + _step(here, weighing, wanted, x, damping)
-        if weighing.cost(misses(model, moved, derivatives=False)) + wanted.pull(moved) > weighing.cost(here) + wanted.pull(x):
+        there = misses(model, moved)  # with its derivatives at once: nearly every step is taken
+        if weighing.cost(there) + wanted.pull(moved) > weighing.cost(here) + wanted.pull(x):
             damping = min(10 * damping, _MOST_DAMPING)
             continue
         rest = np.max(np.abs(moved - x) / wanted.sigma) < _REST
-        last, x, damping = scale, moved, damping / 10
-        here = misses(model, x)
+        last, here, x, damping = scale, there, moved, damping / 10
         scale = _scale(here, seen)
         if rest and abs(scale - last) < _REST * last:
             break
@@ -149,25 +153,21 @@ class _Weighing:
         return np.asarray(np.sum(at.e**2, axis=-1) * self.lever**2)
 
 
-def _missed(beams: Beams, jac1: Array4, spots: Array3) -> tuple[Array3, Matrix, Array4]:
-    """What beams miss their spots by, how far those are, and the derivative, given the twists of every laser (n, lasers, 6, p)."""
+def _missed(beams: Beams, spots: Array3) -> tuple[Array3, Matrix, Array4]:
+    """What beams miss their spots by, how far those are, and the derivative by each laser's twist, (n, lasers, 3, 6)."""
     seen = ~np.isnan(spots[..., 0])
     p, z = beams.source, beams.direction
     to_spot = np.concatenate([np.zeros((*seen.shape, 1)), spots], axis=-1) - p
     distance = np.where(seen, np.maximum(np.linalg.norm(to_spot, axis=-1), _LEAST_DISTANCE), 1.0)
     u = np.where(seen[..., None], to_spot / distance[..., None], z)
-    v, w = jac1[:, :, :3], jac1[:, :, 3:]
-    moved = (v + _cross(w, p)) / distance[..., None, None]
-    along = np.einsum("nlk,nlkp->nlp", u, moved)
-    jacobian = _cross(w, z) + moved - u[..., None] * along[:, :, None]
+    across = (np.eye(3) - u[..., :, None] * u[..., None, :]) / distance[..., None, None]
+    jacobian = np.concatenate([across, -across @ _skew(p) - _skew(z)], axis=-1)
     return z - u, distance, jacobian * seen[..., None, None]
 
 
-def _cross(w: Array4, a: Array3) -> Array4:
-    """W x a for columns w (n, lasers, 3, p) and vectors a (n, lasers, 3): (n, lasers, 3, p)."""
-    x, y, z = (a[:, :, axis, None] for axis in range(3))
-    wx, wy, wz = (w[:, :, axis] for axis in range(3))
-    return np.stack([wy * z - wz * y, wz * x - wx * z, wx * y - wy * x], axis=2)
+def _skew(vectors: Array3) -> Array4:
+    """The matrices of v x ., (n, lasers, 3, 3)."""
+    return skew(vectors.reshape(-1, 3)).reshape(*vectors.shape, 3)
 
 
 def _scale(at: Misses, seen: Mask) -> float:

@@ -178,7 +178,7 @@ def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
 def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
     """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
     arm = ArmKinematics(errors.chain)
-    placed = errors.placements(errors.mean, session).still()
+    placed = errors.still_placements(errors.mean, session)
     frames = motion_at(arm, placed, arm.chain_positions(q)).frames
     origin, axes = seen_placement(frames, errors.chain.frame_index("target", target), errors.chain.measuring_frame)
     return axes, origin

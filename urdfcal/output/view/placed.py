@@ -101,7 +101,7 @@ class Placed:
 
     def frames(self, q: Matrix) -> Array4:
         """The frames of its chain in the axes of its base, [R | p], (frames, n, 3, 4), at joint positions (n, inputs)."""
-        placed = self.errors.placements(self.x, self.errors.sessions[0]).still()
+        placed = self.errors.still_placements(self.x, self.errors.sessions[0])
         arm = ArmKinematics(self.errors.chain)
         return motion_at(arm, placed, arm.chain_positions(q)).frames
 
