@@ -86,6 +86,7 @@ def fit(
     gated: bool = True,
     evidence: bool = True,
     sane: bool = True,
+    asking: bool = True,
     after: EarlierJoints | FitResult | None = None,
     rng: np.random.Generator | None = None,
     test: Measurements | None = None,
@@ -117,6 +118,8 @@ def fit(
             and the `paper` schedule).
         evidence: Choose the scales of the joints' priors, and noise that is not stated, by evidence, where the joints' priors are not
             stated and there are at least 20 poses (not for `robust` and the `paper` schedule).
+        asking: Ask the residuals what the model lacks, from 20 poses on; what the rig does, and noise of the joints' readings, enters the
+            fit where the data pay for it, the rest widens what is predicted (not for `robust` and the `paper` schedule).
         sane: Refuse measurements that a common mistake explains far better (swapped lasers, degrees as radians, a sign flipped ...).
         after: An earlier calibration, that of another branch, whose URDF the robot is; what it decided is the prior of joints that both
             have, and the joints that it alone has follow what is learned of those.
@@ -143,7 +146,7 @@ def fit(
     stated = stated_noise(fit_set, spot_sigma, sigmas)
     sessions = tuple(dict.fromkeys([*fit_set.session_names, *(test_set.session_names if test_set is not None else ())]))
     task = FitTask(
-        as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane, gravity
+        as_measured(robot, fit_set), method, options, sessions, stated, joint_sigmas(robot, joint_sigma), evidence, sane, gravity, asking
     )
     found = task.fitted(fit_set) if method.as_published else fitted_with_extra_noise(task, fit_set)
     found = replace(found, warnings=(*data.warnings, *copies_warning(data, fit_set), *found.warnings, *in_words(found.extra_noise)))
@@ -266,6 +269,7 @@ class FitTask:
         evidence: Whether the data may choose the scales of the joints' priors.
         sane: Whether data with a common mistake in them are refused.
         gravity: Where down is, and what is carried, for outliers to be judged with sag; None where nothing was said.
+        asking: Whether the residuals are asked what the model lacks.
     """
 
     robot: Robot
@@ -277,6 +281,7 @@ class FitTask:
     evidence: bool
     sane: bool
     gravity: Gravity | None = None
+    asking: bool = True
 
     def fitted(self, data: Measurements) -> FitResult:
         """What some measurements say.
@@ -298,7 +303,7 @@ class FitTask:
 
     def _asks(self, found: Estimate, data: Measurements) -> bool:
         """Whether the residuals may be asked what the model lacks."""
-        return self.method.shrinks and self.evidence and found.converged and data.pose_count >= LEAST_POSES
+        return self.asking and self.method.shrinks and found.converged and data.pose_count >= LEAST_POSES
 
     def _with_what_pays(self, fitted: _Asked, nominal: NominalFit) -> _Asked:
         """The same with what the rig does, or noise of the joints' readings, in the fit, one after the other while the data pay for it."""
@@ -538,7 +543,7 @@ def fitted_with_extra_noise(task: FitTask, data: Measurements) -> FitResult:
     """
     if not stating_kinds(data):
         return task.fitted(data)
-    quick = replace(task, method=Method(gated=task.method.gates), evidence=False)
+    quick = replace(task, method=Method(gated=task.method.gates), evidence=False, asking=False)
     loosely = quick.fitted(without_stated_noise(data))
     task, quick = replace(task, sane=False), replace(quick, sane=False)
     kinds = _scattering(quick.fitted(data))

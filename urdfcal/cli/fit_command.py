@@ -154,6 +154,12 @@ def fit(
     ] = 1e-4,
     r: Annotated[float, typer.Option("--measurement-noise", help="R = r I of the paper schedule, m^2.", rich_help_panel=EXPERT)] = 1e-4,
     gate: Annotated[bool, typer.Option(help="Take out spots that the fit cannot explain, and name them.", rich_help_panel=EXPERT)] = True,
+    ask: Annotated[
+        bool,
+        typer.Option(
+            help="Ask the residuals what the model lacks, and fit what the rig does (drift, a bowed screen ...).", rich_help_panel=EXPERT
+        ),
+    ] = True,
     sanity: Annotated[
         bool, typer.Option(help="Refuse measurements that a common mistake explains far better, and name it.", rich_help_panel=EXPERT)
     ] = True,
@@ -293,6 +299,7 @@ def fit(
         "gated": gate,
         "evidence": by_the_data(prior.value),
         "sane": sanity,
+        "asking": ask,
         "after": earlier_joints(after, unmeasured),
         "gravity": wish.stated,
     }

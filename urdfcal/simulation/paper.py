@@ -174,11 +174,11 @@ def _lines(robot: Robot, errors: ErrorModel, run: _Run) -> Iterator[tuple[tuple[
 
 def _estimated(robot: Robot, data: Measurements, estimator: str, readings: int) -> Vector:
     if estimator == "LSE":
-        return fit(robot, data, estimator="lse", error_model="dh", priors=FLAT_PRIOR, spot_sigma=1 * MM).x
+        return fit(robot, data, estimator="lse", error_model="dh", priors=FLAT_PRIOR, spot_sigma=1 * MM, asking=False).x
     if estimator == "EKF":
         return fit(robot, data, error_model="dh", schedule="paper").x
     uniform = 1 / np.sqrt(3 * readings)  # standard deviation of the mean of uniform noise of half-width 1
-    return fit(robot, data, error_model="dh", spot_sigma=SPOT_NOISE * uniform, joint_sigma=JOINT_NOISE * uniform).x
+    return fit(robot, data, error_model="dh", spot_sigma=SPOT_NOISE * uniform, joint_sigma=JOINT_NOISE * uniform, asking=False).x
 
 
 def _figures(model: Problem, x: Vector, spots: Array3, rows: Mask) -> Matrix:
