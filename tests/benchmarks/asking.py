@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 import urdfcal
-from tests.support.disturbed import HARMONIC, USUAL, DisturbedArm, disturbed_arm
+from tests.support.disturbed import HARMONIC, USUAL, DisturbedArm, disturbed_arm, held_and_off
 from urdfcal.api import Calibration
-from urdfcal.base.geometry import MM, Matrix, Vector
+from urdfcal.base.geometry import MM
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.asking.disturbances import courses_of
 from urdfcal.calibration.asking.ground import Ground
@@ -35,7 +35,7 @@ from urdfcal.calibration.asking.rig import rig_columns
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.richer import usual_range
 from urdfcal.estimation.ekf import Belief, iterated_schedule
-from urdfcal.model.error_model import ErrorModel, with_rig, with_softness
+from urdfcal.model.error_model import with_rig, with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import extra_terms, gear_terms, gravity_terms
 
@@ -44,20 +44,6 @@ SENSORS = {"panda": "laser", "ur5": "point:tool0", "tiago": "pose:arm_tool_link"
 WHAT = {"two_cycles": "eccentricity", "walk": "drift"}  # what it is named, where that differs
 RIGS = {"drift": "drift", "walk": "wander", "temperature": "temperature", "screen_bow": "screen_bow", "lens": "lens"}
 RIGS["readings_scale"] = "readings_scale"
-Z95 = 1.959963984540054
-
-
-def off_at_unseen(errors: ErrorModel, x: Vector, P: Matrix, arm: DisturbedArm) -> tuple[float, float]:
-    """Share of intervals that hold, and mean square of what is off in the first unit, at unseen poses; the rig stands still."""
-    linearised = Problem(errors, arm.unseen).linearise(x)
-    J, off = linearised.jacobian, linearised.residual
-    if errors.rig is not None:
-        own = [errors.names.index(term.name) for term in errors.rig.terms]
-        off, J = off + J[:, :, own] @ x[own], J.copy()
-        J[:, :, own] = 0.0
-    sigma, first = np.sqrt(np.einsum("nmp,pr,nmr->nm", J, P, J)), linearised.kinds == 0
-    held = np.mean((np.abs(off) < Z95 * sigma)[linearised.measured])
-    return float(held), float(np.mean(off[:, first][linearised.measured[:, first]] ** 2))
 
 
 def told(arm: DisturbedArm, what: str, found: Calibration) -> float:
@@ -83,7 +69,7 @@ def told(arm: DisturbedArm, what: str, found: Calibration) -> float:
     start = np.array([known.get(name, 0.0) for name in errors.names])
     model = problem_of(errors, arm.fit, noise)
     fit = iterated_schedule(model.linearise, Belief.independent(errors.mean, errors.sigma), noise, start=start)
-    return off_at_unseen(errors, fit.belief.x, fit.belief.P, arm)[1]
+    return held_and_off(errors, fit.belief.x, fit.belief.P, arm)[1]
 
 
 def sets(name: str, what: str, times: float, arguments: argparse.Namespace) -> Iterator[tuple[float, ...]]:
@@ -93,10 +79,10 @@ def sets(name: str, what: str, times: float, arguments: argparse.Namespace) -> I
         arm = disturbed_arm(robot, SENSORS[name], what, seed, times=times, poses=arguments.poses)
         found = urdfcal.fit(arm.robot, arm.fit)
         names = [own.what for own in found.stands_out[:2]]
-        held, square = off_at_unseen(found.errors, found.x, found.covariance, arm)
+        held, square = held_and_off(found.errors, found.x, found.covariance, arm)
         pair = (np.nan, np.nan)
         if any(not own.entered for own in found.stands_out) and (joint := fit_sag(found, folds=0, compare_directions=False)) is not None:
-            pair = off_at_unseen(joint.errors, joint.estimate.belief.x, joint.estimate.belief.P, arm)
+            pair = held_and_off(joint.errors, joint.estimate.belief.x, joint.estimate.belief.P, arm)
         own = WHAT.get(what, what)
         yield float(names[:1] == [own]), float(own in names), held, square, *pair, told(arm, what, found), float(bool(names))
 

@@ -37,6 +37,7 @@ USUAL: Mapping[str, float] = {
     "readings_scale": 1e-3,
 }
 HARMONIC = 50  # cycles a turn
+_Z95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -104,6 +105,22 @@ def disturbed_arm(
     if what == "approach" and real.approach is not None:
         perfect = replace(perfect, approach=real.approach[poses:])
     return DisturbedArm(robot, setup.errors, setup.x, noisy, perfect)
+
+
+def held_and_off(errors: ErrorModel, x: Vector, P: Matrix, arm: DisturbedArm) -> tuple[float, float]:
+    """Share of 95 % intervals that hold by the covariance alone, and mean square of what is off in the first unit, at unseen poses.
+
+    A perfect instrument reads there, in a rig that stands still.
+    """
+    linearised = Problem(errors, arm.unseen).linearise(x)
+    J, off = linearised.jacobian, linearised.residual
+    if errors.rig is not None:
+        own = [errors.names.index(term.name) for term in errors.rig.terms]
+        off, J = off + J[:, :, own] @ x[own], J.copy()
+        J[:, :, own] = 0.0
+    sigma, first = np.sqrt(np.einsum("nmp,pr,nmr->nm", J, P, J)), linearised.kinds == 0
+    held = np.mean((np.abs(off) < _Z95 * sigma)[linearised.measured])
+    return float(held), float(np.mean(off[:, first][linearised.measured[:, first]] ** 2))
 
 
 @dataclass

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import urdfcal
-from tests.support.disturbed import DisturbedArm, disturbed_arm
+from tests.support.disturbed import DisturbedArm, disturbed_arm, held_and_off
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.api import Calibration
-from urdfcal.calibration.problem import Problem
+from urdfcal.base.terminal import as_text
+from urdfcal.calibration.analysis.sag import fit_sag
+from urdfcal.output.text.result import calibration_json
+from urdfcal.output.text.stands_out import stands_out_blocks
 
 SENSORS = {"panda": "laser", "ur5": "point:tool0", "tiago": "pose:arm_tool_link"}
 NAMED = [
@@ -40,18 +44,6 @@ def fitted(name: str, what: str, seed: int = 1) -> tuple[DisturbedArm, Calibrati
     return arm, urdfcal.fit(arm.robot, arm.fit)
 
 
-def coverage(arm: DisturbedArm, found: Calibration) -> float:
-    """How often the 95 % intervals of readings at unseen poses, by the covariance alone, hold what a perfect instrument reads."""
-    linearised = Problem(found.errors, arm.unseen).linearise(found.x)
-    J, off = linearised.jacobian, linearised.residual
-    if found.errors.rig is not None:  # a perfect instrument in a rig that stands still
-        own = [found.errors.names.index(term.name) for term in found.errors.rig.terms]
-        off, J = off + J[:, :, own] @ found.x[own], J.copy()
-        J[:, :, own] = 0.0
-    sigma = np.sqrt(np.einsum("nmp,pr,nmr->nm", J, found.covariance, J))
-    return float(np.mean((np.abs(off) < 1.96 * sigma)[linearised.measured]))
-
-
 @pytest.mark.parametrize(("name", "what", "named"), NAMED)
 def test_what_an_arm_or_its_rig_does_is_named_first(name: str, what: str, named: str) -> None:
     """Whatever the sensor, of all that could be."""
@@ -74,7 +66,7 @@ def test_what_the_rig_does_is_in_the_fit_and_out_of_the_joints(name: str, what: 
     """It is in the fit, and unseen poses are as near to the truth as the fit says."""
     arm, found = fitted(name, what)
     assert found.stands_out[0].entered
-    assert coverage(arm, found) > 0.85
+    assert held_and_off(found.errors, found.x, found.covariance, arm)[0] > 0.85
 
 
 @pytest.mark.parametrize(("name", "what", "named"), [each for each in NAMED if each[2] in ("sag", "eccentricity", "scale", "approach")])
@@ -83,7 +75,7 @@ def test_what_is_not_in_the_fit_is_in_its_sigmas(name: str, what: str, named: st
     arm, found = fitted(name, what)
     assert not found.stands_out[0].entered
     assert found.lacking is not None
-    assert coverage(arm, found) > 0.9
+    assert held_and_off(found.errors, found.x, found.covariance, arm)[0] > 0.9
 
 
 def test_a_gear_is_named_with_its_joint_and_cycles() -> None:
@@ -91,3 +83,49 @@ def test_a_gear_is_named_with_its_joint_and_cycles() -> None:
     _, found = fitted("tiago", "harmonics")
     assert found.stands_out[0].cycles == 50
     assert found.stands_out[0].where in found.data.joints
+
+
+def test_a_gear_goes_into_the_compensation(tmp_path: Path) -> None:
+    """It is tried there by itself, brings unseen poses to the truth, and a file keeps it."""
+    arm, found = fitted("tiago", "harmonics")
+    joint = fit_sag(found, folds=0, compare_directions=False)
+    assert joint is not None
+    assert joint.kept == ("harmonics",)
+    before, after = (
+        held_and_off(errors, x, P, arm)[1]
+        for errors, x, P in ((found.errors, found.x, found.covariance), (joint.errors, joint.estimate.belief.x, joint.estimate.belief.P))
+    )
+    assert after < 0.2 * before
+    urdf, text = joint.files("pair.urdf")
+    (tmp_path / "pair.urdf").write_bytes(urdf)
+    (tmp_path / "pair.yaml").write_bytes(text)
+    loaded = urdfcal.load_compensation(tmp_path / "pair.yaml")
+    q = arm.unseen.q[:5]
+    np.testing.assert_allclose(loaded.corrected_configuration(q), joint.compensation().corrected_configuration(q), atol=1e-12)
+    wave = {name: value for name, value in loaded.values.items() if ".gear50_" in name}
+    assert np.hypot(*list(wave.values())[:2]) > 0
+
+
+def test_machines_and_people_are_told() -> None:
+    """What stands out, how surely, where it went, and what would confirm it."""
+    _, found = fitted("panda", "walk")
+    (entry,) = calibration_json(found)["stands_out"]
+    assert entry["what"] == "drift"
+    assert entry["where"] == ""
+    assert entry["entered"] is True
+    assert entry["gain_nats"] > 4
+    told = as_text(stands_out_blocks(found))
+    assert "a rig that drifts" in told
+    assert "in the fit" in told
+    assert "a `time` column" in told
+    told = as_text(stands_out_blocks(fitted("panda", "sag")[1]))
+    assert "in the sigmas" in told
+    assert stands_out_blocks(fitted("panda", "none")[1]) == []
+
+
+def test_questions_may_be_left_out() -> None:
+    """Then nothing enters and nothing is widened."""
+    arm, _ = fitted("panda", "walk")
+    found = urdfcal.fit(arm.robot, arm.fit, asking=False)
+    assert found.stands_out == ()
+    assert found.errors.rig is None
