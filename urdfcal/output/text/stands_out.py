@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from urdfcal.base.terminal import figures_table, titled
-from urdfcal.calibration.asking.stands_out import OF_THE_RIG, StandsOut
+from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.result import FitResult
 
 if TYPE_CHECKING:
@@ -20,9 +20,10 @@ def stands_out_rows(calibration: FitResult) -> list[tuple[str, ...]]:
 
 
 def _became(own: StandsOut) -> str:
-    if own.entered:
-        return "in the fit" if own.what in OF_THE_RIG else "in the compensation"
-    return "in the sigmas"
+    """Where it went; geometry alone, which is what the URDF carries, is off by what a compensation would make up for."""
+    if own.in_fit:
+        return "in the fit"
+    return "in the sigmas and, with the pair, the compensation" if own.entered else "in the sigmas"
 
 
 def stands_out_blocks(calibration: FitResult) -> list[RenderableType]:
