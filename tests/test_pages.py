@@ -30,6 +30,8 @@ DOCS = sorted((ROOT / "docs").rglob("*.md"))
 PAGES = [ROOT / "README.md", *DOCS, ROOT / "robots" / "README.md", ROOT / "CONTRIBUTING.md"]
 FENCED = re.compile(r"^ *```([^\n]*)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
 
+Runs = dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]  # by all commands up to one: what it printed, and the files there are then
+
 
 def blocks(*languages: str) -> list[object]:
     """Code blocks of all pages in these languages, named by page and place."""
@@ -42,7 +44,7 @@ def blocks(*languages: str) -> list[object]:
 
 
 @pytest.fixture(scope="module")
-def printed() -> dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]:
+def printed() -> Runs:
     """What commands printed and wrote, by all that ran up to them: pages show the same ones, which then run once."""
     return {}
 
@@ -120,9 +122,7 @@ def missing(shown: list[str], printed: str) -> list[str]:
 
 
 @pytest.mark.parametrize("block", blocks("console"))
-def test_the_output_shown_is_the_output(
-    block: str, checkout: Path, run_cli: Callable[..., CliResult], printed: dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]
-) -> None:
+def test_the_output_shown_is_the_output(block: str, checkout: Path, run_cli: Callable[..., CliResult], printed: Runs) -> None:
     """What stands under a command is what it prints today."""
     ran: tuple[str, ...] = ()
     for command, *shown in (part.splitlines() for part in block.split("$ ")[1:]):
@@ -132,9 +132,7 @@ def test_the_output_shown_is_the_output(
         assert missing(shown, done.out) == []
 
 
-def again(
-    ran: tuple[str, ...], folder: Path, run_cli: Callable[..., CliResult], printed: dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]
-) -> CliResult:
+def again(ran: tuple[str, ...], folder: Path, run_cli: Callable[..., CliResult], printed: Runs) -> CliResult:
     """The last of these commands, run where it has not yet been run behind the others, with its files put back where it has."""
     if ran not in printed:
         done = run_cli(*shlex.split(ran[-1])[1:])

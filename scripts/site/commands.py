@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterator
 from itertools import groupby
 from typing import Any
@@ -50,7 +51,7 @@ def _one(short: str, command: Any) -> Iterator[str]:
 
 
 def _code(option: str) -> str:
-    return f"`{option.strip()}`".replace("|", "\\|")
+    return f"<code>{html.escape(option.strip()).replace('|', '&#124;')}</code>"
 
 
 def _text(words: str) -> str:
