@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import html
+import inspect
 from collections.abc import Iterator
-from itertools import groupby
 from typing import Any
 
 PAGE = "reference/commands.md"
@@ -43,11 +43,16 @@ def _one(short: str, command: Any) -> Iterator[str]:
     yield f"## {name}\n"
     yield f"```text\n{' '.join([name, *command.collect_usage_pieces(context)])}\n```\n"
     yield _text(command.help or "") + "\n"
-    rows = [(getattr(each, "rich_help_panel", None) or "", *record) for each in command.params if (record := each.get_help_record(context))]
-    for panel, group in groupby(sorted(rows, key=lambda row: row[0]), key=lambda row: row[0]):
-        yield f"| {panel or 'argument or option'} | what it does |\n|---|---|"
-        yield from (f"| {_code(option)} | {_text(words)} |" for _, option, words in group)
+    panels: dict[str, list[tuple[str, str]]] = {}
+    for each in command.params:
+        if record := each.get_help_record(context):
+            panels.setdefault(getattr(each, "rich_help_panel", None) or "argument or option", []).append(record)
+    for panel, rows in panels.items():
+        yield f"| {panel} | what it does |\n|---|---|"
+        yield from (f"| {_code(option)} | {_text(words)} |" for option, words in rows)
         yield ""
+    if command.epilog:
+        yield f"```text\n{inspect.cleandoc(command.epilog)}\n```\n"
 
 
 def _code(option: str) -> str:
