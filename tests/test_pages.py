@@ -18,6 +18,7 @@ import typer
 import urdfcal
 from tests.conftest import CliResult
 from tests.support.paths import ROOT
+from urdfcal.calibration.asking.stands_out import WORDS, StandsOut
 from urdfcal.calibration.rig_file import RigFile, read_rig_file
 from urdfcal.cli.main import app
 from urdfcal.model.gauge import build_error_model
@@ -183,6 +184,13 @@ def test_every_entry_of_rig_yaml_is_in_the_reference() -> None:
     page = (ROOT / "docs" / "reference" / "rig.md").read_text("utf-8")
     rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
     assert {key for row in rows for key in re.findall(r"`(\w+)`", row)} == set(RigFile.model_fields)
+
+
+def test_everything_that_may_stand_out_is_told() -> None:
+    """The table of what residuals may ask for has every word of it, beside what would confirm it."""
+    page = (ROOT / "docs" / "how-to" / "verdict.md").read_text("utf-8").split("## What the residuals ask for\n")[1]
+    rows = [tuple(row.strip("| ").split(" | ")) for row in page.splitlines() if row.startswith("| ")][1:]
+    assert rows == [(word, StandsOut(what, "", 0.0).confirmed_by) for what, word in WORDS.items()]
 
 
 def hook(name: str) -> ModuleType:
