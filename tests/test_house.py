@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from graphlib import CycleError, TopologicalSorter
 
 import pytest
@@ -45,6 +46,13 @@ def test_no_circles_inside_a_package(package: str) -> None:
         TopologicalSorter({name: imported_modules(name) & set(own) for name in own}).prepare()
     except CycleError as circle:
         pytest.fail(" -> ".join(circle.args[1]))
+
+
+def test_every_package_is_installed() -> None:
+    """`pyproject.toml` lists each of them; what it forgets works in a checkout and nowhere else."""
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"]["packages"]
+    there = {name.removesuffix(".__init__") for name, path in FILES.items() if path.name == "__init__.py"}
+    assert set(listed) - {"urdfcal.robots"} == there
 
 
 def test_only_the_command_line_prints() -> None:

@@ -4,23 +4,34 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
+import json
 import re
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
+import typer
 
+import urdfcal
 from tests.conftest import CliResult
 from tests.support.paths import ROOT
-from urdfcal.calibration.rig_file import read_rig_file
+from urdfcal.calibration.asking.stands_out import WORDS, StandsOut
+from urdfcal.calibration.rig_file import RigFile, read_rig_file
+from urdfcal.cli.main import app
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
+from urdfcal.vision.camera.camera_file import read_camera
 from urdfcal.vision.camera.markers import read_screen_markers
 from urdfcal.vision.render import usual_camera
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "robots" / "README.md", ROOT / "CONTRIBUTING.md"]
+DOCS = sorted((ROOT / "docs").rglob("*.md"))
+PAGES = [ROOT / "README.md", *DOCS, ROOT / "robots" / "README.md", ROOT / "CONTRIBUTING.md"]
 FENCED = re.compile(r"^ *```([^\n]*)\n(.*?)^ *```$", re.DOTALL | re.MULTILINE)
+
+Runs = dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]  # by all commands up to one: what it printed, and the files there are then
 
 
 def blocks(*languages: str) -> list[object]:
@@ -31,6 +42,12 @@ def blocks(*languages: str) -> list[object]:
         for match in FENCED.finditer(page.read_text("utf-8"))
         if match[1] in languages
     ]
+
+
+@pytest.fixture(scope="module")
+def printed() -> Runs:
+    """What commands printed and wrote, by all that ran up to them: pages show the same ones, which then run once."""
+    return {}
 
 
 @pytest.fixture
@@ -72,7 +89,7 @@ def test_rig_blocks_are_taken(block: str, tmp_path: Path, robots: dict[str, Robo
     path = tmp_path / "rig.yaml"
     path.write_text(block)
     errors = build_error_model(robots["arm7"].chain, robots["arm7"].rig, read_rig_file(path).options())
-    assert "joint2.d_a" not in errors.names
+    assert ("joint2.d_a" in errors.names) is ("joint*.d_a: {fixed: true}" not in block)
 
 
 @pytest.mark.parametrize("block", blocks("yaml screen.yaml"))
@@ -80,6 +97,13 @@ def test_the_screen_block_is_taken(block: str, tmp_path: Path) -> None:
     """The screen.yaml that is shown is read."""
     (tmp_path / "screen.yaml").write_text(block)
     assert len(read_screen_markers(tmp_path / "screen.yaml").centres) == 4
+
+
+@pytest.mark.parametrize("block", blocks("yaml camera.yaml"))
+def test_the_camera_block_is_taken(block: str, tmp_path: Path) -> None:
+    """The camera.yaml that is shown is read."""
+    (tmp_path / "camera.yaml").write_text(block)
+    assert read_camera(tmp_path / "camera.yaml").size == (640, 480)
 
 
 @pytest.mark.parametrize("block", [block for block in blocks("bash") if "# install and" not in str(block)])
@@ -99,14 +123,25 @@ def missing(shown: list[str], printed: str) -> list[str]:
 
 
 @pytest.mark.parametrize("block", blocks("console"))
-@pytest.mark.usefixtures("checkout")
-def test_the_output_shown_is_the_output(block: str, run_cli: Callable[..., CliResult]) -> None:
+def test_the_output_shown_is_the_output(block: str, checkout: Path, run_cli: Callable[..., CliResult], printed: Runs) -> None:
     """What stands under a command is what it prints today."""
+    ran: tuple[str, ...] = ()
     for command, *shown in (part.splitlines() for part in block.split("$ ")[1:]):
-        program, *words = shlex.split(command)
-        done = run_cli(*words)
-        assert (program, done.code) == ("urdfcal", 0), done.err
+        ran = (*ran, command)
+        done = again(ran, checkout, run_cli, printed)
+        assert (shlex.split(command)[0], done.code) == ("urdfcal", 0), done.err
         assert missing(shown, done.out) == []
+
+
+def again(ran: tuple[str, ...], folder: Path, run_cli: Callable[..., CliResult], printed: Runs) -> CliResult:
+    """The last of these commands, run where it has not yet been run behind the others, with its files put back where it has."""
+    if ran not in printed:
+        done = run_cli(*shlex.split(ran[-1])[1:])
+        printed[ran] = done, {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    done, files = printed[ran]
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return done
 
 
 def test_what_is_missing_is_seen() -> None:
@@ -116,12 +151,56 @@ def test_what_is_missing_is_seen() -> None:
     assert missing(["c", "a"], "a\nb\nc") == ["a"]
 
 
-def test_every_command_is_in_the_table(run_cli: Callable[..., CliResult]) -> None:
-    """The README's table of commands has every command of --help."""
-    listed = re.search(r"Commands:\n(.*)", run_cli("--help").out, re.DOTALL)
-    assert listed
-    commands = set(re.findall(r"^  (\w+) ", listed[1], re.MULTILINE)) - {"version"}
-    assert commands == set(re.findall(r"^\| `urdfcal (\w+)", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE))
+def test_every_command_is_in_the_reference() -> None:
+    """The page of commands, which is made from them, has a heading for each and a line for each of its options."""
+    page = hook("commands").page()
+    for name, command in typer.main.get_command(app).commands.items():  # type: ignore[attr-defined]
+        section = page.split(f"\n## urdfcal {name}\n")[1].split("\n## ")[0]
+        assert [option for each in command.params for option in each.opts if option.startswith("--") and option not in section] == []
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    """The page of the Python interface has whatever `import urdfcal` gives."""
+    page = (ROOT / "docs" / "reference" / "python.md").read_text("utf-8")
+    shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", page, re.MULTILINE)) | set(re.findall(r"`urdfcal\.(\w+)`", page))
+    assert set(urdfcal.__all__) - shown == set()
+
+
+def test_what_the_reference_shows_is_there() -> None:
+    """Every name that the page of the Python interface documents is in the module that it is taken from."""
+    names = re.findall(r"^::: ([\w.]+)\.(\w+)$", (ROOT / "docs" / "reference" / "python.md").read_text("utf-8"), re.MULTILINE)
+    assert [name for module, name in names if not hasattr(importlib.import_module(module), name)] == []
+
+
+def test_the_keys_of_the_json_are_in_the_reference(checkout: Path, run_cli: Callable[..., CliResult]) -> None:
+    """The table of `fit --json` has every key that is printed, and no other."""
+    table = (ROOT / "docs" / "reference" / "json.md").read_text("utf-8").split("## fit\n")[1].split("\n```")[0]
+    listed = {key for row in re.findall(r"^\| (`.*?) \|", table, re.MULTILINE) for key in re.findall(r"`(\w+)`", row)}
+    assert listed == set(json.loads(run_cli("fit", "robots/arm7/arm7.urdf.xacro", "robots/arm7/measurements.csv", "--json").out))
+
+
+def test_every_entry_of_rig_yaml_is_in_the_reference() -> None:
+    """The table of rig.yaml has every entry that is read, and no other."""
+    page = (ROOT / "docs" / "reference" / "rig.md").read_text("utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", page, re.MULTILINE)
+    assert {key for row in rows for key in re.findall(r"`(\w+)`", row)} == set(RigFile.model_fields)
+
+
+def test_everything_that_may_stand_out_is_told() -> None:
+    """The table of what residuals may ask for has every word of it, beside what would confirm it."""
+    page = (ROOT / "docs" / "how-to" / "verdict.md").read_text("utf-8").split("## What the residuals ask for\n")[1]
+    rows = [tuple(row.strip("| ").split(" | ")) for row in page.splitlines() if row.startswith("| ")][1:]
+    assert rows == [(word, StandsOut(what, "", 0.0).confirmed_by) for what, word in WORDS.items()]
+
+
+def hook(name: str) -> ModuleType:
+    """A part of the site's build, which is no package."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / "site" / f"{name}.py")
+    assert spec
+    assert spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def anchors(page: Path) -> set[str]:
@@ -147,6 +226,14 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 
 def test_every_page_can_be_found() -> None:
-    """Every page in docs/ is linked from the README."""
-    linked = {path.resolve() for path, _ in links(ROOT / "README.md")}
-    assert set((ROOT / "docs").glob("*.md")) <= linked
+    """Every page in docs/ is linked from the README, or from a page there; and stands in the site's contents."""
+    pages = [ROOT / "README.md", *DOCS]
+    linked = {path.resolve() for page in pages for path, _ in links(page) if path.resolve() != page}
+    contents = (ROOT / "mkdocs.yml").read_text("utf-8")
+    assert set(DOCS) <= linked
+    assert [page.name for page in DOCS if f"{page.relative_to(ROOT / 'docs').as_posix()}\n" not in contents] == []
+
+
+def test_the_readme_is_short() -> None:
+    """A newcomer reads it to its end."""
+    assert len((ROOT / "README.md").read_text("utf-8").splitlines()) <= 150
