@@ -59,7 +59,6 @@ from urdfcal.sensors.registry import noun
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise, stating_kinds
 
 Result = TypeVar("Result", bound=FitResult)
-_MOST_SWEEPS = 60  # in which a fit that has more in its model must come to rest, or goes on without
 _MOST_ENTERED = 3  # things that a rig may do at once
 _ANY = 3.0  # degrees of freedom that tell at least whether there is more
 
@@ -334,8 +333,7 @@ class FitTask:
         data = fitted.first.model.data
         errors = with_rig(fitted.first.model.errors, answer.rig, courses_of(data) if answer.rig else {})
         start = np.concatenate([found.belief.x, np.zeros(len(answer.rig))])
-        method = replace(fitted.first.method, start=start, max_sweeps=min(_MOST_SWEEPS, self.method.max_sweeps or _MOST_SWEEPS))
-        first = _first_fit(method, problem_of(errors, data, noise), start, noise, fitted.first.message)
+        first = _first_fit(replace(fitted.first.method, start=start), problem_of(errors, data, noise), start, noise, fitted.first.message)
         clean = first.without_outliers(noise, Judge(self.robot, nominal, self.gravity))
         return replace(fitted, first=first, clean=clean, scaled=self._scaled(first, clean, noise), noise=noise)
 

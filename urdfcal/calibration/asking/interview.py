@@ -7,7 +7,7 @@ Answers come strongest first; each is taken into account before the next is look
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -47,8 +47,7 @@ class Interview:
     def _answers(self, least: float) -> list[Answer]:
         fitted, found = self.ground.fitted, list[Answer]()
         while len(found) < _MOST and fitted.total > _EXACT * fitted.numbers:
-            known = {answer.cycles for answer in found if answer.cycles}
-            best = max(self._asked(fitted, known), key=lambda answer: answer.gain)
+            best = max(self._asked(fitted, found), key=lambda answer: answer.gain)
             if best.gain < least:
                 break
             fitted = best.within(fitted)
@@ -88,9 +87,11 @@ class Interview:
         table = error_table(replace(linearisation, residual=sizes), len(self.ground.model.data))
         return rms_of(table) * MM if main_unit(table) == MAIN_UNIT else np.inf
 
-    def _asked(self, fitted: Fitted, known: Collection[int]) -> Iterator[Answer]:
-        """The best answer to each sort of question, where gears of some cycles are known."""
+    def _asked(self, fitted: Fitted, found: Sequence[Answer]) -> Iterator[Answer]:
+        """The best answer to each sort of question beside what was found: gravity pulls one way, and likes of a gear may err alike."""
+        known, pulled = {answer.cycles for answer in found}, any(answer.what == "sag" for answer in found)
         columns, questions, terms = self._columns
+        questions = [question for question in questions if question.what != "sag" or not pulled]
         score, best = fitted.asked(columns), dict[str, tuple[float, Score, Question]]()
         for question in questions:
             own = score.part(question.columns)
