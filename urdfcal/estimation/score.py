@@ -9,9 +9,9 @@ and the log evidence for the nuisance is, with the eigenvalues l_i of F and w th
 
     gain(tau) = 1/2 sum of [-N log(1 - q / y'M y) - log(1 + tau^2 l_i)],    q = sum of tau^2 w_i^2 / (1 + tau^2 l_i)
 
-of N numbers: how large the noise is does not count, whether it was stated or not, so that noise that is merely larger than it should be
-is no nuisance. How large a nuisance may be is not known beforehand: tau is the best of a few sizes, and what looking at several costs is
-taken off the gain, log of their number.
+of N numbers, less those that went into the parameters: how large the noise is does not count, whether it was stated or not, so that noise
+that is merely larger than it should be is no nuisance. How large a nuisance may be is not known beforehand: tau is the best of a few
+sizes, and what looking at several costs is taken off the gain, log of their number.
 
 One that stands out explains some of what others seem to. So it goes into H, with its prior into P0, before they are asked again.
 """
@@ -43,13 +43,13 @@ class Fitted:
     Attributes:
         H: Jacobian, (N, p), by the parameters in units of their prior sigmas.
         y: Data less what the prior expects, (N,).
-        numbers: How many numbers there are.
+        numbers: Degrees of freedom: how many numbers there are, less the parameters that they decide.
         roots: What whitens further columns once more, (rows, m, m), where noise was added since; None where none was.
     """
 
     H: Matrix
     y: Vector
-    numbers: int
+    numbers: float
     roots: Array3 | None = None
 
     @staticmethod
@@ -58,7 +58,8 @@ class Fitted:
         weights, sigma = noise.weights(linearisation), np.sqrt(np.diag(prior.P))
         H = weights.jacobian(linearisation) * sigma
         y = weights.residual(linearisation) + H @ ((x - prior.x) / sigma)
-        return Fitted(H, y, linearisation.count)
+        decided = float(np.sum(1 - np.diag(np.linalg.inv(H.T @ H + np.eye(H.shape[1])))))
+        return Fitted(H, y, max(linearisation.count - decided, 1.0))
 
     def spread(self, roots: Array3) -> Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
@@ -155,7 +156,7 @@ class Score:
     s: Vector
     F: Matrix
     total: float
-    numbers: int
+    numbers: float
 
     def part(self, columns: Rows) -> Score:
         """Of some of the columns."""
@@ -197,7 +198,7 @@ class Pairs:
     s: Matrix
     F: Array3
     total: float
-    numbers: int
+    numbers: float
 
     @cached_property
     def best(self) -> int:
@@ -219,7 +220,7 @@ def rows_times(roots: Array3, columns: Matrix) -> Matrix:
     return np.asarray((roots @ columns.reshape(rows, m, -1)).reshape(rows * m, -1))
 
 
-def gains_of(s: Matrix, F: Array3, total: float, numbers: int) -> Matrix:
+def gains_of(s: Matrix, F: Array3, total: float, numbers: float) -> Matrix:
     """Log evidence for every one of SIZES, (..., sizes), of scores (..., k) with information (..., k, k)."""
     values, vectors = np.linalg.eigh(F)
     values, squares = np.maximum(values, 0.0)[..., None, :], ((vectors.swapaxes(-1, -2) @ s[..., None])[..., 0] ** 2)[..., None, :]
@@ -228,6 +229,6 @@ def gains_of(s: Matrix, F: Array3, total: float, numbers: int) -> Matrix:
     return np.asarray(0.5 * (fits_better_by(explained, total, numbers) - np.log1p(grown * values).sum(axis=-1)))
 
 
-def fits_better_by(explained: Matrix, total: float, numbers: int) -> Matrix:
+def fits_better_by(explained: Matrix, total: float, numbers: float) -> Matrix:
     """Twice the log likelihood gained where so much of chi-squared is explained."""
     return np.asarray(-numbers * np.log1p(-np.minimum(explained / total, _NEAR_ALL)))

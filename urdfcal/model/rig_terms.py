@@ -40,19 +40,19 @@ class Course:
 
     Attributes:
         midst, span: Of the fitted poses, in the unit of the values: [s], poses or [degC].
-        source: Where the poses come from, if the values count only among poses of one file; the empty string else.
+        series: Of the poses, if the values count only among those of one; the empty string else.
     """
 
     midst: float
     span: float
-    source: str = ""
+    series: str = ""
 
     @staticmethod
-    def of(values: Vector, source: str = "") -> Course | None:
+    def of(values: Vector, series: str = "") -> Course | None:
         """The course that some values take; None where they stand still or are not all known."""
         if not len(values) or not np.isfinite(values).all() or not np.ptp(values) > 0:
             return None
-        return Course(float(values.min() + np.ptp(values) / 2), float(np.ptp(values)), source)
+        return Course(float(values.min() + np.ptp(values) / 2), float(np.ptp(values)), series)
 
     def at(self, values: Vector) -> Vector:
         """From -1/2 to 1/2 over the fitted poses, (n,)."""

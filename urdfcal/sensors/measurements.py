@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +47,7 @@ class Measurements:
         time: When each pose was measured, (n,), [s]; None where nothing is said.
         temperature: Of the arm at each pose, (n,), [degC]; None where nothing is said.
         order: Which of the poses was measured first, second ..., (n,); as they stand by default.
+        series: What they were measured with in one go, of which alone the order says anything; parts of measurements keep it.
     """
 
     joints: tuple[str, ...]
@@ -67,6 +69,7 @@ class Measurements:
     time: Vector | None = None
     temperature: Vector | None = None
     order: Vector | None = None
+    series: str = field(default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
         n = len(self.q)

@@ -76,6 +76,7 @@ def read_measurements(
         approach=facts.approach,
         time=facts.time,
         temperature=facts.temperature,
+        series=f"{path} {table.sha256}",
     )
 
 

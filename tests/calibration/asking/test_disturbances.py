@@ -64,15 +64,15 @@ def test_what_instruments_do_is_in_the_other_derivatives(disturbed: tuple[Proble
 
 
 def test_time_counts_where_it_is_said_and_the_order_elsewhere(rng: np.random.Generator) -> None:
-    """From -1/2 to 1/2 over the fitted poses; poses of another file, whose order says nothing, are in the midst."""
+    """From -1/2 to 1/2 over the fitted poses; poses of another series, whose order says nothing, are in the midst."""
     robot = urdfcal.load_robot(ROBOTS_DIR / "ur5" / "ur5.urdf.xacro")
     data = disturbed_arm(robot, "point:tool0", "none", 3, poses=5, unseen=1).fit
     courses = courses_of(data)
     np.testing.assert_allclose(progress(data, courses)["time"], [-0.5, -0.25, 0, 0.25, 0.5])
     np.testing.assert_allclose(progress(data.subset(np.array([3, 1])), courses)["time"], [0.25, -0.25])
-    np.testing.assert_allclose(progress(replace(data, source="other.csv"), courses)["time"], 0.0)
+    np.testing.assert_allclose(progress(replace(data, series="another"), courses)["time"], 0.0)
     timed = replace(data, time=np.array([0.0, 1, 2, 3, 100]))
-    np.testing.assert_allclose(progress(replace(timed, source="other.csv"), courses_of(timed))["time"], [-0.5, -0.49, -0.48, -0.47, 0.5])
+    np.testing.assert_allclose(progress(replace(timed, series="another"), courses_of(timed))["time"], [-0.5, -0.49, -0.48, -0.47, 0.5])
 
 
 def test_clusters_are_neighbours_of_about_one_size(rng: np.random.Generator) -> None:

@@ -36,8 +36,7 @@ class Moved:
 
 def courses_of(data: Measurements) -> dict[str, Course]:
     """What goes on while some poses are measured."""
-    source = "" if data.time is not None else f"{data.source} {data.sha256}"
-    found = {"time": Course.of(data.clock, source)}
+    found = {"time": Course.of(data.clock, "" if data.time is not None else data.series)}
     found |= {"temperature": None if data.temperature is None else Course.of(data.temperature)}
     return {name: course for name, course in found.items() if course is not None}
 
@@ -46,7 +45,7 @@ def progress(data: Measurements, courses: Mapping[str, Course]) -> dict[str, Vec
     """How far each course is at some poses, (n,); in its midst where that is not known of them."""
     values, found = {"time": data.clock, "temperature": data.temperature}, {}
     for name, course in courses.items():
-        other = bool(course.source) and course.source != f"{data.source} {data.sha256}"
+        other = course.series not in ("", data.series)
         own = values[name]
         found[name] = np.zeros(len(data)) if own is None or other else np.clip(course.at(own), -1.0, 1.0)
     return found
