@@ -54,10 +54,10 @@ class Fitted:
 
     @staticmethod
     def of(linearisation: Linearisation, noise: Noise, x: Vector, prior: Belief) -> Fitted:
-        """A fit, from its linearisation at the estimate x."""
+        """A fit, from its linearisation at the estimate x; readings of one pose are one row, moved together by noise of joints."""
         weights, sigma = noise.weights(linearisation), np.sqrt(np.diag(prior.P))
-        H = weights.jacobian(linearisation) * sigma
-        y = weights.residual(linearisation) + H @ ((x - prior.x) / sigma)
+        H = weights.of_poses(linearisation.jacobian).reshape(-1, len(x)) * sigma
+        y = weights.of_poses(linearisation.residual[..., None]).ravel() + H @ ((x - prior.x) / sigma)
         return Fitted(H, y, linearisation.count)
 
     def spread(self, roots: Array3) -> Fitted:

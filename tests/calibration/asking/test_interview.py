@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import urdfcal
-from tests.support.disturbed import DisturbedArm, disturbed_arm, held_and_off
+from tests.support.disturbed import NOISE, DisturbedArm, disturbed_arm, held_and_off
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.api import Calibration
 from urdfcal.base.terminal import as_text
@@ -129,3 +130,14 @@ def test_questions_may_be_left_out() -> None:
     found = urdfcal.fit(arm.robot, arm.fit, asking=False)
     assert found.stands_out == ()
     assert found.errors.rig is None
+
+
+def test_noise_of_joints_is_found_as_well_where_poses_are_read_several_times() -> None:
+    """Readings of one pose share those of the joints: five as exact as one tell no less, and of the same size."""
+    arm, once = fitted("ur5", "joint_noise")
+    several = arm.fit.subset(np.repeat(np.arange(len(arm.fit)), 5))
+    rng = np.random.default_rng(1)
+    noisy = tuple(replace(own, values=own.values + rng.normal(0, NOISE.length, own.values.shape)) for own in several.readings)
+    found = urdfcal.fit(arm.robot, replace(several, readings=noisy))
+    assert [own.what for own in found.stands_out if own.entered] == ["joint_noise"]
+    assert 0.8 < found.estimate.noise.joint_sigma[0] / once.estimate.noise.joint_sigma[0] < 1.4

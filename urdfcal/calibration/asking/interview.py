@@ -65,7 +65,8 @@ class Interview:
     def pays(self, answer: Answer, before: Sequence[Answer] = ()) -> bool:
         """Whether clusters of poses that are left out in turn are the more likely for an answer, beside others."""
         data = self.ground.model.data
-        rows, folds = len(self.ground.linearisation.residual), clustered(data.q, data.configuration_of)
+        first = np.unique(data.pose_of, return_index=True)[1]
+        rows, folds = self.ground.rows, clustered(data.q[first], data.configuration_of[first])
         return self.beside((*before, answer)).predicted(folds, rows) > self.beside(before).predicted(folds, rows)
 
     def lacking(self, answers: Sequence[Answer]) -> Lacking | None:
@@ -79,7 +80,8 @@ class Interview:
         through = own.H.T @ does
         rest = does - own.H @ (own.P @ through)
         seen = np.eye(p) - own.P  # P H'H: what the data decide of each parameter
-        return Lacking(does[: self.ground.numbers], float(does @ rest) / float(np.sum(seen * seen.T)), self._length(rest))
+        left, laid_out = float(does @ rest) / float(np.sum(seen * seen.T)), self.ground.laid_out
+        return Lacking(laid_out(does)[: self.ground.numbers], left, self._length(laid_out(rest)))
 
     def _length(self, rest: Vector) -> float:
         """Root mean square length of whitened numbers, (N,), in the readings of lengths, [m]; infinite where there are none."""
