@@ -46,10 +46,14 @@ def progress(data: Measurements, courses: Mapping[str, Course]) -> dict[str, Vec
     """How far each course is at some poses, (n,); in its midst where that is not known of them."""
     values, found = {"time": data.clock, "temperature": data.temperature}, {}
     for name, course in courses.items():
-        other = bool(course.source) and course.source != f"{data.source} {data.sha256}"
-        own = values[name]
-        found[name] = np.zeros(len(data)) if own is None or other else np.clip(course.at(own), -1.0, 1.0)
+        own = values[name] if name != "time" or _same_clock(course, data) else None
+        found[name] = np.zeros(len(data)) if own is None else np.clip(course.at(own), -1.0, 1.0)
     return found
+
+
+def _same_clock(course: Course, data: Measurements) -> bool:
+    """Whether some poses count their time as a course does: in seconds, or in poses of one file."""
+    return course.source == f"{data.source} {data.sha256}" if course.source else data.time is not None
 
 
 def disturbances(sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> Iterator[Moved]:
