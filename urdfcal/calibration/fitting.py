@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 
 import numpy as np
 
-from urdfcal.base.errors import ShapeMismatch, UsageError, no_such
+from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.asking.disturbances import courses_of
 from urdfcal.calibration.asking.ground import Ground
@@ -309,19 +309,30 @@ class FitTask:
         tried = set[str]()
         while True:
             interview = Interview(Ground(self.robot, fitted.scaled_model, fitted.scaled.found, self.gravity))
-            answers = interview.answers(HEARD)
-            fitted = replace(fitted, interview=interview, answers=tuple(answers))
-            wanted = next((own for number, own in enumerate(answers) if own.enters(answers[:number]) and own.name not in tried), None)
-            if wanted is None or len(fitted.entered) == _MOST_ENTERED:
+            fitted = replace(fitted, interview=interview, answers=tuple(interview.answers(HEARD)))
+            richer = self._richer(fitted, interview, nominal, tried)
+            if richer is None:
                 return fitted
-            tried.add(wanted.name)
-            if not interview.pays(wanted, answers[: answers.index(wanted)]):
+            fitted = richer
+
+    def _richer(self, fitted: _Asked, interview: Interview, nominal: NominalFit, tried: set[str]) -> _Asked | None:
+        """The fit with the first of its answers for which the data pay; None if they do for none that was not `tried`, which grows."""
+        answers = fitted.answers if len(fitted.entered) < _MOST_ENTERED else ()
+        for number, own in enumerate(answers):
+            before = answers[:number]
+            if own.name in tried or not own.enters(before):
                 continue
-            richer = self._entering(fitted, wanted, nominal)
+            tried.add(own.name)
+            if not interview.pays(own, before):
+                continue
+            try:
+                richer = self._entering(fitted, own, nominal)
+            except FitRejected:  # with it in the model beams miss the screen: the fit goes on without
+                continue
             if richer.scaled.found.converged:
-                fitted = replace(
-                    richer, entered=(*fitted.entered, StandsOut(wanted.what, wanted.where, wanted.gain, entered=True, share=wanted.share))
-                )
+                entered = StandsOut(own.what, own.where, own.gain, entered=True, share=own.share)
+                return replace(richer, entered=(*fitted.entered, entered))
+        return None
 
     def _entering(self, fitted: _Asked, answer: Answer, nominal: NominalFit) -> _Asked:
         """The fit from its start with an answer in it: outliers are told apart once more."""

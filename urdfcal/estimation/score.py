@@ -31,6 +31,8 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
 
 SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisance may have
+_EXACT = 1e-4  # share of the noise's variance, under which data are exact and say nothing more
+_DIGITS = 1e12  # times as well as before that data may tell a parameter for sums in double precision
 _NEAR_ALL = 0.98  # share of the misfit beyond which nothing explains it
 
 Rows = npt.NDArray[np.intp]
@@ -54,10 +56,10 @@ class Fitted:
 
     @staticmethod
     def of(linearisation: Linearisation, noise: Noise, x: Vector, prior: Belief) -> Fitted:
-        """A fit, from its linearisation at the estimate x."""
+        """A fit, from its linearisation at the estimate x; readings of one pose are one row, moved together by noise of joints."""
         weights, sigma = noise.weights(linearisation), np.sqrt(np.diag(prior.P))
-        H = weights.jacobian(linearisation) * sigma
-        y = weights.residual(linearisation) + H @ ((x - prior.x) / sigma)
+        H = weights.of_poses(linearisation.jacobian).reshape(-1, len(x)) * sigma
+        y = weights.of_poses(linearisation.residual[..., None]).ravel() + H @ ((x - prior.x) / sigma)
         decided = float(np.sum(1 - np.diag(np.linalg.inv(H.T @ H + np.eye(H.shape[1])))))
         return Fitted(H, y, max(linearisation.count - decided, 1.0))
 
@@ -69,6 +71,11 @@ class Fitted:
         return columns if self.roots is None else rows_times(self.roots, columns)
 
     @cached_property
+    def tells(self) -> bool:
+        """Whether there is anything left to explain, and digits to do so: not of exact data."""
+        return self.total > _EXACT * self.numbers and float(np.max(np.sum(self.H**2, axis=0), initial=0.0)) < _DIGITS
+
+    @cached_property
     def log_evidence(self) -> float:
         """Of the data, less what their whitening adds and a constant."""
         volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
@@ -76,6 +83,8 @@ class Fitted:
 
     def predicted(self, folds: Sequence[Rows], rows: int) -> float:
         """Log density of the numbers of some rows, each fold predicted by a fit of all others, the noise included that they tell.
+
+        What the poses of a fold have in common beyond the parameters' mean is left out.
 
         Args:
             folds: Rows of each fold.

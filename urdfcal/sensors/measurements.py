@@ -100,9 +100,14 @@ class Measurements:
         return same_poses(self.q, codes(self.sessions, payload, *(own.labels for own in self.readings if own.touched)), self.approach)
 
     @property
+    def timed(self) -> bool:
+        """Whether it is said when each pose was measured; a clock that stands still says nothing."""
+        return self.time is not None and len(self) > 0 and bool(np.ptp(self.time) > 0)
+
+    @property
     def clock(self) -> Vector:
         """When each pose was measured, (n,): [s] where it is said, else counted in poses."""
-        clock = self.order if self.time is None else self.time
+        clock = self.time if self.timed else self.order
         assert clock is not None
         return clock
 

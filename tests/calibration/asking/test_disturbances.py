@@ -75,6 +75,14 @@ def test_time_counts_where_it_is_said_and_the_order_elsewhere(rng: np.random.Gen
     np.testing.assert_allclose(progress(replace(timed, series="another"), courses_of(timed))["time"], [-0.5, -0.49, -0.48, -0.47, 0.5])
 
 
+def test_the_order_of_poses_is_no_time_in_seconds() -> None:
+    """Poses that do not say when they were measured are in the midst of a course that goes by seconds."""
+    robot = urdfcal.load_robot(ROBOTS_DIR / "ur5" / "ur5.urdf.xacro")
+    data = disturbed_arm(robot, "point:tool0", "none", 3, poses=5, unseen=1).fit
+    timed = replace(data, time=np.array([0.0, 1, 2, 3, 100]))
+    np.testing.assert_allclose(progress(replace(data, source="other.csv"), courses_of(timed))["time"], 0.0)
+
+
 def test_clusters_are_neighbours_of_about_one_size(rng: np.random.Generator) -> None:
     """Every row is in one of them, readings of one configuration together, and two poses of one are nearer than two of any."""
     q = np.repeat(rng.uniform(-1, 1, (40, 3)), 2, axis=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 import urdfcal
-from tests.support.disturbed import DisturbedArm, disturbed_arm, held_and_off
+from tests.support.disturbed import NOISE, DisturbedArm, disturbed_arm, held_and_off
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.api import Calibration
 from urdfcal.base.terminal import as_text
 from urdfcal.calibration.analysis.sag import fit_sag
+from urdfcal.calibration.asking.interview import Interview
+from urdfcal.calibration.asking.questions import Answer
 from urdfcal.output.text.result import calibration_json
 from urdfcal.output.text.stands_out import stands_out_blocks
 
@@ -129,3 +132,33 @@ def test_questions_may_be_left_out() -> None:
     found = urdfcal.fit(arm.robot, arm.fit, asking=False)
     assert found.stands_out == ()
     assert found.errors.rig is None
+
+
+def test_noise_of_joints_is_found_as_well_where_poses_are_read_several_times() -> None:
+    """Readings of one pose share those of the joints: five as exact as one tell no less, and of the same size."""
+    arm, once = fitted("ur5", "joint_noise")
+    several = arm.fit.subset(np.repeat(np.arange(len(arm.fit)), 5))
+    rng = np.random.default_rng(1)
+    noisy = tuple(replace(own, values=own.values + rng.normal(0, NOISE.length, own.values.shape)) for own in several.readings)
+    found = urdfcal.fit(arm.robot, replace(several, readings=noisy))
+    assert [own.what for own in found.stands_out if own.entered] == ["joint_noise"]
+    assert 0.8 < found.estimate.noise.joint_sigma[0] / once.estimate.noise.joint_sigma[0] < 1.4
+
+
+def test_a_fit_is_asked_once_whatever_does_not_pay(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the held-out poses refuse leaves the fit as it was, so that it is not asked again."""
+    asked: list[Interview] = []
+    answers = Interview.answers
+
+    def counted(interview: Interview, least: float) -> list[Answer]:
+        asked.append(interview)
+        return answers(interview, least)
+
+    monkeypatch.setattr(Interview, "answers", counted)
+    monkeypatch.setattr(Interview, "pays", lambda *_: False)
+    arm = fitted("tiago", "drift")[0]
+    asked.clear()
+    found = urdfcal.fit(arm.robot, arm.fit)
+    assert found.stands_out
+    assert not any(own.entered for own in found.stands_out)
+    assert len(asked) == 1

@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
-from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
 from urdfcal.calibration.asking.questions import HEARD
@@ -28,7 +27,6 @@ from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, posterio
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
-from urdfcal.estimation.score import Fitted
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gear_terms, gravity_terms
@@ -207,11 +205,8 @@ class _Setup:
 
     def foretells(self, fitted: _Fitted) -> float:
         """Log density of clusters of poses that are left out in turn."""
-        errors, x, data = fitted.errors, fitted.estimate.belief.x, self.data
-        linearisation = fitted.model.linearise(x)
-        whitened = Fitted.of(linearisation, fitted.estimate.noise, x, Belief.independent(errors.mean, errors.sigma))
-        lost = fitted.estimate.noise.log_determinant(linearisation) / 2  # each is whitened by a noise of its own
-        return whitened.predicted(clustered(data.q, data.configuration_of), len(linearisation.residual)) - lost
+        ground = Ground(self.calibration.robot, fitted.model, fitted.estimate)
+        return ground.foretold(ground.fitted)
 
     def widened(self, whole: _Fitted, gravity: Gravity) -> Estimate:
         """The joint fit, whose covariance knows of what is not in it either."""

@@ -36,7 +36,7 @@ class Moved:
 
 def courses_of(data: Measurements) -> dict[str, Course]:
     """What goes on while some poses are measured."""
-    found = {"time": Course.of(data.clock, "" if data.time is not None else data.series)}
+    found = {"time": Course.of(data.clock, "" if data.timed else data.series)}
     found |= {"temperature": None if data.temperature is None else Course.of(data.temperature)}
     return {name: course for name, course in found.items() if course is not None}
 
@@ -45,10 +45,14 @@ def progress(data: Measurements, courses: Mapping[str, Course]) -> dict[str, Vec
     """How far each course is at some poses, (n,); in its midst where that is not known of them."""
     values, found = {"time": data.clock, "temperature": data.temperature}, {}
     for name, course in courses.items():
-        other = course.series not in ("", data.series)
-        own = values[name]
-        found[name] = np.zeros(len(data)) if own is None or other else np.clip(course.at(own), -1.0, 1.0)
+        own = values[name] if name != "time" or _same_clock(course, data) else None
+        found[name] = np.zeros(len(data)) if own is None else np.clip(course.at(own), -1.0, 1.0)
     return found
+
+
+def _same_clock(course: Course, data: Measurements) -> bool:
+    """Whether some poses count their time as a course does: in seconds, or in poses of one file."""
+    return course.series == data.series if course.series else data.timed
 
 
 def disturbances(sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> Iterator[Moved]:

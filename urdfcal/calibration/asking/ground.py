@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.richer import DOWN
 from urdfcal.estimation.ekf import Belief, Estimate
@@ -49,6 +50,12 @@ class Ground:
         """How many numbers the poses have, without what is known beforehand."""
         return len(self.model.data) * int(self.linearisation.residual.shape[1])
 
+    @property
+    def rows(self) -> int:
+        """How many poses there are, and below them rows of what is known beforehand; several readings of one pose are one row."""
+        poses = self.linearisation.poses
+        return len(self.linearisation.residual) if poses is None else int(poses.max()) + 1
+
     @cached_property
     def _weights(self) -> Weights:
         return self.estimate.noise.weights(self.linearisation)
@@ -60,14 +67,25 @@ class Ground:
         prior = Belief.independent(errors.mean, errors.sigma)
         return Fitted.of(self.linearisation, self.estimate.noise, self.estimate.belief.x, prior)
 
+    def foretold(self, fitted: Fitted) -> float:
+        """Log density of clusters of poses that are left out in turn, less what the noise's whitening adds."""
+        data = self.model.data
+        first = np.unique(data.pose_of, return_index=True)[1]
+        lost = self.estimate.noise.log_determinant(self.linearisation) / 2
+        return fitted.predicted(clustered(data.q[first], data.configuration_of[first]), self.rows) - lost
+
     def whitened(self, columns: Array3) -> Matrix:
-        """Columns (poses, m, k) in units of the noise, (N, k); what is known beforehand has none."""
-        if not columns.shape[2]:
-            return np.empty((self.linearisation.residual.size, 0))
-        padded = np.zeros((*self.linearisation.residual.shape, columns.shape[2]))
+        """Columns (readings, m, k) in units of the noise, (N, k) of the rows' numbers; what is known beforehand has none."""
+        m, k = columns.shape[1:]
+        padded = np.zeros((*self.linearisation.residual.shape, k))
         padded[: len(columns)] = columns
         padded *= np.asarray(self.linearisation.measured)[..., None]
-        return self._weights.jacobian(replace(self.linearisation, jacobian=padded))
+        return self._weights.of_poses(padded).reshape(self.rows * m, k)
+
+    def laid_out(self, whitened: Vector) -> Vector:
+        """Numbers of rows, (N,), over all readings of theirs, as whitened residuals have them: with the same sum of squares."""
+        means = self._weights.means
+        return whitened if means is None else means.spread(whitened.reshape(self.rows, -1, 1)).ravel()
 
     @cached_property
     def pulls(self) -> tuple[WeighedRobot, ...]:
@@ -95,8 +113,8 @@ class Ground:
         """Names and positions (rows,) of those joints; rows of what is known beforehand have zeros."""
         found = []
         for _, name, index in self._turning():
-            q = np.zeros(len(self.linearisation.residual))
-            q[: len(self.model.data)] = self.model.data.q[:, index]
+            q = np.zeros(self.rows)
+            q[self.model.data.pose_of] = self.model.data.q[:, index]
             found.append((name, q))
         return found
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.calibration.asking.arm import arm_columns
-from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.asking.gears import CYCLES, Gears
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.joint_noise import joint_noise
@@ -28,7 +27,7 @@ from urdfcal.model.rig_terms import RigTerm
 from urdfcal.sensors.sensor import MAIN_UNIT
 
 _MOST = 10  # answers
-_EXACT = 1e-4  # share of the noise's variance, under which data are exact and say nothing more
+_GEARS = 3  # of these; more of them are told by the cycles that are known
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Interview:
 
     def _answers(self, least: float) -> list[Answer]:
         fitted, found = self.ground.fitted, list[Answer]()
-        while len(found) < _MOST and fitted.total > _EXACT * fitted.numbers:
+        while len(found) < _MOST and fitted.tells:
             best = max(self._asked(fitted, found), key=lambda answer: answer.gain)
             if best.gain < least:
                 break
@@ -63,9 +62,7 @@ class Interview:
 
     def pays(self, answer: Answer, before: Sequence[Answer] = ()) -> bool:
         """Whether clusters of poses that are left out in turn are the more likely for an answer, beside others."""
-        data = self.ground.model.data
-        rows, folds = len(self.ground.linearisation.residual), clustered(data.q, data.configuration_of)
-        return self.beside((*before, answer)).predicted(folds, rows) > self.beside(before).predicted(folds, rows)
+        return self.ground.foretold(self.beside((*before, answer))) > self.ground.foretold(self.beside(before))
 
     def lacking(self, answers: Sequence[Answer]) -> Lacking | None:
         """What those answers do to a fit that does not know of them; None where there are none."""
@@ -78,7 +75,8 @@ class Interview:
         through = own.H.T @ does
         rest = does - own.H @ (own.P @ through)
         seen = np.eye(p) - own.P  # P H'H: what the data decide of each parameter
-        return Lacking(does[: self.ground.numbers], float(does @ rest) / float(np.sum(seen * seen.T)), self._length(rest))
+        left, laid_out = float(does @ rest) / float(np.sum(seen * seen.T)), self.ground.laid_out
+        return Lacking(laid_out(does)[: self.ground.numbers], left, self._length(laid_out(rest)))
 
     def _length(self, rest: Vector) -> float:
         """Root mean square length of whitened numbers, (N,), in the readings of lengths, [m]; infinite where there are none."""
@@ -98,9 +96,11 @@ class Interview:
             if question.what not in best or own.gain - question.price > best[question.what][0]:
                 best[question.what] = own.gain - question.price, own, question
         for what, (gain, own, question) in best.items():
-            rig = tuple(replace(terms[n], sigma=terms[n].sigma * own.size) for n in question.columns.tolist() if n in terms)
+            rig = tuple(replace(terms[n], sigma=terms[n].sigma * max(own.size, 1.0)) for n in question.columns.tolist() if n in terms)
             yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig, share=own.explained)
-        for cycles in (np.ones(len(CYCLES), dtype=bool), np.isin(CYCLES, list(known))):
+        gears = sum(answer.what == "harmonics" for answer in found)
+        asked = [np.isin(CYCLES, list(known))] + ([np.ones(len(CYCLES), dtype=bool)] if gears < _GEARS else [])
+        for cycles in asked:
             if (answer := self._gears.answer(fitted, cycles)) is not None:
                 yield answer
         if fitted.roots is None and not self.ground.estimate.noise.of_joints and self.ground.turning:

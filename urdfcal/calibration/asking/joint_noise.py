@@ -14,7 +14,7 @@ _SIGMAS = 0.005 * DEG * np.sqrt(2.0) ** np.arange(9)  # [rad]
 
 def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
     """All turning joints' readings off by one standard deviation, R_i = R + sigma^2 J_q J_q' of the numbers of a pose."""
-    rows, m = ground.linearisation.residual.shape
+    rows, m = ground.rows, ground.linearisation.residual.shape[1]
     reach = ground.own_turns.reshape(rows, m, -1)
     values, vectors = np.linalg.eigh(reach @ reach.transpose(0, 2, 1))
     tried = []
