@@ -14,7 +14,7 @@ from urdfcal.calibration.asking.disturbances import courses_of
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
 from urdfcal.calibration.asking.lacking import Lacking
-from urdfcal.calibration.asking.questions import HEARD, LEAST_GAINS, NAMED, Answer
+from urdfcal.calibration.asking.questions import HEARD, NAMED, Answer
 from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.calibration.error_table import SpotTable, error_table
 from urdfcal.calibration.extra_noise import MORE, extra_noise, in_words, widened, without_stated_noise
@@ -503,7 +503,7 @@ class _Asked:
     @property
     def stands_out(self) -> tuple[StandsOut, ...]:
         """Everything, strongest first."""
-        named = [own for own in self.answers if own.gain >= LEAST_GAINS.get(own.what, NAMED)]
+        named = [own for own in self.answers if own.gain >= NAMED]
         return tuple(sorted((*self.entered, *(own.told for own in named)), key=lambda own: -own.gain))
 
     @property

@@ -27,7 +27,7 @@ from urdfcal.model.rig_terms import RigTerm
 from urdfcal.sensors.sensor import MAIN_UNIT
 
 _MOST = 10  # answers
-_GEARS = 3  # of these; more of them are told by the cycles that are known
+_GEARS = 8  # of these; more of them are told by the cycles that are known
 
 
 @dataclass(frozen=True)

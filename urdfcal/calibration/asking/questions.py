@@ -13,9 +13,8 @@ from urdfcal.calibration.asking.stands_out import StandsOut
 from urdfcal.estimation.score import Fitted
 from urdfcal.model.rig_terms import RigTerm
 
-NAMED = 4.0  # [nats] from which an answer is told
+NAMED = 3.0  # [nats] from which an answer is told
 HEARD = 2.0  # [nats] from which it widens what is predicted
-LEAST_GAINS = {"approach": 3.0}  # the same of some alone
 
 Rows = npt.NDArray[np.intp]
 
