@@ -91,3 +91,12 @@ def test_rows_are_multiplied_by_their_own_matrix(rng: np.random.Generator) -> No
     roots, columns = rng.normal(size=(ROWS, M, M)), rng.normal(size=(ROWS * M, 2))
     expected = np.concatenate([roots[row] @ columns[row * M : row * M + M] for row in range(ROWS)])
     np.testing.assert_allclose(rows_times(roots, columns), expected, atol=1e-12)
+
+
+def test_a_thinned_fit_is_that_of_some_rows(fitted: Fitted, rng: np.random.Generator) -> None:
+    """Every third row, with its share of the degrees of freedom."""
+    B = rng.normal(size=(ROWS * M, 2))
+    some = fitted.thinned(ROWS, 3)
+    rows = np.concatenate([np.arange(row * M, row * M + M) for row in range(0, ROWS, 3)])
+    expected = Fitted(fitted.H[rows], fitted.y[rows], ROWS * M * 7 / ROWS)
+    np.testing.assert_allclose(some.asked(B[rows]).gains, expected.asked(B[rows]).gains, rtol=1e-12)

@@ -63,6 +63,12 @@ class Fitted:
         decided = float(np.sum(1 - np.diag(np.linalg.inv(H.T @ H + np.eye(H.shape[1])))))
         return Fitted(H, y, max(linearisation.count - decided, 1.0))
 
+    def thinned(self, rows: int, stride: int) -> Fitted:
+        """The same fit of one row of so many, of `rows` in all."""
+        H, y = (own.reshape(rows, -1, *own.shape[1:])[::stride] for own in (self.H, self.y))
+        roots = None if self.roots is None else self.roots[::stride]
+        return Fitted(H.reshape(-1, H.shape[-1]), y.ravel(), self.numbers * len(H) / rows, roots)
+
     def spread(self, roots: Array3) -> Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
         return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)

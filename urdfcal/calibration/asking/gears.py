@@ -13,6 +13,7 @@ from urdfcal.estimation.score import Fitted
 from urdfcal.model.softness import GEAR
 
 CYCLES = np.arange(3, 201)  # a turn of the joint; one and two are eccentricity
+_ROWS = 2000
 
 
 class Gears:
@@ -22,26 +23,31 @@ class Gears:
         self.ground = ground
 
     @cached_property
+    def _stride(self) -> int:
+        """Of the rows that waves are looked for in: as many as there are would take all memory, and tell no more of which it is."""
+        return -(-self.ground.rows // _ROWS)
+
+    @cached_property
     def _waves(self) -> list[tuple[Matrix, Matrix]]:
         """Sin and cos of each joint's angle times CYCLES, (rows, cycles): powers of exp(i q)."""
         found = []
         for _, q in self.ground.turning:
-            powers = np.cumprod(np.repeat(np.exp(1j * q)[:, None], CYCLES[-1], axis=1), axis=1)[:, CYCLES[0] - 1 :]
+            powers = np.cumprod(np.repeat(np.exp(1j * q[:: self._stride])[:, None], CYCLES[-1], axis=1), axis=1)[:, CYCLES[0] - 1 :]
             found.append((np.ascontiguousarray(powers.imag), np.ascontiguousarray(powers.real)))
         return found
 
     def answer(self, fitted: Fitted, cycles: Mask) -> Answer | None:
         """The best harmonic of any joint's gear, of some CYCLES."""
-        best: Answer | None = None
-        columns, count = self.ground.own_turns * GEAR, np.count_nonzero(cycles)
-        for (joint, _), column, waves in zip(self.ground.turning, columns.T, self._waves, strict=True):
-            if not count:
-                continue
+        rows, best, count = self.ground.rows, None, np.count_nonzero(cycles)
+        columns = self.ground.own_turns * GEAR
+        fitted = fitted.thinned(rows, self._stride) if self._stride > 1 else fitted
+        for (joint, q), column, waves in zip(self.ground.turning, columns.T, self._waves if count else (), strict=bool(count)):
             one, other = waves if cycles.all() else (own[:, cycles] for own in waves)
-            pairs = fitted.asked_in_pairs(column, one, other)
+            pairs = fitted.asked_in_pairs(column.reshape(rows, -1)[:: self._stride].ravel(), one, other)
             score, gain = pairs.score(pairs.best), -float(np.log(count * columns.shape[1]))
             if best is None or gain + score.gain > best.gain:
-                wave = np.stack([one[:, pairs.best], other[:, pairs.best]], axis=1) * score.size
-                B = (column.reshape(len(wave), -1, 1) * wave[:, None]).reshape(-1, 2)
-                best = Answer("harmonics", joint, gain + score.gain, B, cycles=int(CYCLES[cycles][pairs.best]), share=score.explained)
+                turns = int(CYCLES[cycles][pairs.best])
+                wave = np.stack([np.sin(turns * q), np.cos(turns * q)], axis=1) * score.size
+                B = (column.reshape(rows, -1, 1) * wave[:, None]).reshape(-1, 2)
+                best = Answer("harmonics", joint, gain + score.gain, B, cycles=turns, share=score.explained)
         return best
