@@ -170,7 +170,7 @@ CSVS = {
     "csv set": (
         FIT,
         {"m.csv": CSV.replace("2.z\n", "2.z,set\n").replace("4\n", "4,fit\n").replace("8\n", "8,tset\n")},
-        "m.csv:3: column 'set': 'tset' is neither fit nor test",
+        "m.csv:3: column 'set': 'tset' is neither fit (or train) nor test",
     ),
     "csv all test": (
         FIT,

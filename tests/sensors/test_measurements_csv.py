@@ -188,7 +188,7 @@ BAD = {
         f"{HEAD},laser_1.sigma\n{ROW},small\n",
         ":2: column 'laser_1.sigma': 'small' is not a number; expected a standard deviation, or nothing",
     ),
-    "set": (f"{HEAD},set\n{ROW},train\n", ":2: column 'set': 'train' is neither fit nor test"),
+    "set": (f"{HEAD},set\n{ROW},learn\n", ":2: column 'set': 'learn' is neither fit (or train) nor test"),
     "degrees": (
         rows(3, turn="30"),
         ":2: column 'turn': 3 of 3 cells lie outside the limits -0.6 to 0.6 rad and inside them as degrees; write 'turn [deg]' in the",

@@ -165,9 +165,9 @@ def _sigma(table: Table, target: str, how: Sensor) -> Vector:
 
 
 def _sets(table: Table) -> Labels:
-    sets = _labels(table, "set")
-    table.refuse("set", ~np.isin(sets, ["", "fit", "test"]), "is neither fit nor test")
-    return np.where(sets == "", "fit", sets)
+    sets = np.char.lower(_labels(table, "set"))
+    table.refuse("set", ~np.isin(sets, ["", "fit", "train", "test"]), "is neither fit (or train) nor test")
+    return np.where(np.isin(sets, ["", "train"]), "fit", sets)
 
 
 def _poses(table: Table) -> Labels:

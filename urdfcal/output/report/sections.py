@@ -146,10 +146,8 @@ def _data_rows(label: str, data: Measurements) -> list[tuple[str, str]]:
 
 
 def _noise_text(calibration: FitResult) -> str:
-    noise = calibration.estimate.noise
-    joints = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma)
-    readings = f"; joint readings {', '.join(joints)}" if noise.of_joints else "; joint readings taken as exact"
-    return f"{noise_in_words(calibration)}{readings}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
+    exact = "" if calibration.estimate.noise.of_joints else "; joint readings taken as exact"
+    return f"{noise_in_words(calibration)}{exact}; chi-square {calibration.chi_squared:.3g} per degree of freedom"
 
 
 def _evidence_rows(calibration: FitResult) -> list[tuple[str, str]]:

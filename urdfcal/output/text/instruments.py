@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from urdfcal.base.geometry import exponentials, product, xyz_rpy
+from urdfcal.base.geometry import DEG, exponentials, product, xyz_rpy
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
@@ -26,7 +26,18 @@ def noise_in_words(calibration: FitResult) -> str:
             continue
         sigma = WORDS[kind].told(calibration.estimate.noise.sigma[index])
         by_source.setdefault(_source(calibration, kind, index), []).append(f"{WORDS[kind].noise} {sigma}{_shared(calibration, kind)}")
-    return ", ".join(f"{', '.join(words)} ({source})" for source, words in by_source.items())
+    words = [f"{', '.join(words)} ({source})" for source, words in by_source.items()]
+    return ", ".join([*words, *joint_noise_in_words(calibration)])
+
+
+def joint_noise_in_words(calibration: FitResult) -> list[str]:
+    """`joint readings 0.021 deg (estimated from the residual)`; nothing where they were taken as exact."""
+    noise = calibration.estimate.noise
+    if not noise.of_joints:
+        return []
+    found = any(own.what == "joint_noise" and own.entered for own in calibration.stands_out)
+    sizes = dict.fromkeys(f"{sigma / DEG:.3g} deg" for sigma in noise.joint_sigma.tolist() if sigma)
+    return [f"joint readings {', '.join(sizes)} ({'estimated from the residual' if found else 'stated'})"]
 
 
 def noise_in_common(calibration: FitResult) -> dict[str, float]:

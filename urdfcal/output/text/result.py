@@ -209,6 +209,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
         "noise": dict(zip(calibration.data.kinds, noise.sigma.tolist(), strict=True)),
         "poses": {"count": calibration.data.pose_count, "readings": len(calibration.data)},
         "noise_in_common": noise_in_common(calibration),
+        "joint_sigma": dict(zip(calibration.data.joints, noise.joint_sigma.tolist(), strict=True)),
         "frames": frame_entries(calibration),
         "places": place_entries(calibration),
         "lengths": length_entries(calibration),
