@@ -57,11 +57,16 @@ def our_streams() -> Iterator[list[str]]:
             raise UsageError("standard output is closed; send it to a file, or to /dev/null")
         sys.stdout = _safe(sys.stdout)
         with warnings.catch_warnings(), _native(heard):
-            warnings.showwarning = lambda message, category, *_, **__: heard.append(f"{category.__name__}: {message}")
+            warnings.showwarning = lambda message, category, *_, **__: heard.extend(_for_users(message, category))
             yield heard
     finally:
         heard[:] = list(dict.fromkeys(heard))[:_MOST]
         sys.stdout, sys.stderr = before
+
+
+def _for_users(message: Warning | str, category: type[Warning]) -> list[str]:
+    """A library's warning, unless it is for whoever maintains what calls the library."""
+    return [] if issubclass(category, DeprecationWarning | FutureWarning) else [f"{category.__name__}: {message}"]
 
 
 def require_written() -> None:
