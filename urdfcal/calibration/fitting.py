@@ -330,8 +330,7 @@ class FitTask:
             except FitRejected:  # with it in the model beams miss the screen: the fit goes on without
                 continue
             if richer.scaled.found.converged:
-                entered = StandsOut(own.what, own.where, own.gain, entered=True, share=own.share)
-                return replace(richer, entered=(*fitted.entered, entered))
+                return replace(richer, entered=(*fitted.entered, replace(own.told, entered=True)))
         return None
 
     def _entering(self, fitted: _Asked, answer: Answer, nominal: NominalFit) -> _Asked:
@@ -381,8 +380,7 @@ class FitTask:
         linearisation = clean.model.linearise(found.belief.x)
         plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)  # without what is unsure of the scales
         if lacking is not None:
-            H = found.noise.weights(linearisation).jacobian(linearisation)
-            found = replace(found, belief=Belief(found.belief.x, lacking.widened(found.belief.P, plain, H)))
+            found = lacking.widening(found, linearisation, plain)
         freedom = linearisation.count - len(errors.names) + float(np.sum(np.diag(plain) / errors.sigma**2))
         result = FitResult(
             robot=self.robot,

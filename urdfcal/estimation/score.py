@@ -165,7 +165,7 @@ class Score:
         s: Score, (k,).
         F: Information beside the parameters, (k, k).
         total: What there is to explain.
-        numbers: How many numbers there are.
+        numbers: Degrees of freedom.
     """
 
     s: Vector
@@ -190,9 +190,8 @@ class Score:
     @property
     def explained(self) -> float:
         """Share of what there is to explain that the nuisance explains."""
-        values, vectors = np.linalg.eigh(self.F)
-        values, squares = np.maximum(values, 0.0), (vectors.T @ self.s) ** 2
-        return float((self.size**2 * squares / (1 + self.size**2 * values)).sum() / self.total)
+        explained, _ = explained_by(self.s, self.F)
+        return float(explained[np.argmax(self.gains)] / self.total)
 
     @property
     def size(self) -> float:
@@ -237,11 +236,16 @@ def rows_times(roots: Array3, columns: Matrix) -> Matrix:
 
 def gains_of(s: Matrix, F: Array3, total: float, numbers: float) -> Matrix:
     """Log evidence for every one of SIZES, (..., sizes), of scores (..., k) with information (..., k, k)."""
+    explained, volume = explained_by(s, F)
+    return np.asarray(0.5 * (fits_better_by(explained, total, numbers) - volume))
+
+
+def explained_by(s: Matrix, F: Array3) -> tuple[Matrix, Matrix]:
+    """What each of SIZES explains of chi-squared, and log det(1 + tau^2 F), (..., sizes) both."""
     values, vectors = np.linalg.eigh(F)
     values, squares = np.maximum(values, 0.0)[..., None, :], ((vectors.swapaxes(-1, -2) @ s[..., None])[..., 0] ** 2)[..., None, :]
     grown = SIZES[:, None] ** 2
-    explained = (grown * squares / (1 + grown * values)).sum(axis=-1)
-    return np.asarray(0.5 * (fits_better_by(explained, total, numbers) - np.log1p(grown * values).sum(axis=-1)))
+    return (grown * squares / (1 + grown * values)).sum(axis=-1), np.log1p(grown * values).sum(axis=-1)
 
 
 def fits_better_by(explained: Matrix, total: float, numbers: float) -> Matrix:

@@ -2,7 +2,7 @@
 
 The joint fit starts from a geometry-only calibration, of the same poses without the same outliers. Each joint yields to its own
 gravity moment (`softness.py`); the joints' prior scales and the noise are chosen by evidence again, since part of what geometry had to
-stand for is explained now. Further terms are those that the residuals ask for (`questions.py`), or that are asked for; each stays only
+stand for is explained now. Further terms are those that the residuals ask for (`asking/`), or that are asked for; each stays only
 where it raises the log evidence (`richer.py`) by enough, and clusters of poses that are left out in turn are the more likely for it.
 """
 
@@ -217,8 +217,7 @@ class _Setup:
             return found
         linearisation = whole.model.linearise(found.belief.x)
         plain = posterior(linearisation, Belief.independent(errors.mean, errors.sigma), found.noise)
-        H = found.noise.weights(linearisation).jacobian(linearisation)
-        return replace(found, belief=Belief(found.belief.x, lacking.widened(found.belief.P, plain, H)))
+        return lacking.widening(found, linearisation, plain)
 
     def gravity_terms(self, gravity: Gravity) -> tuple[Term, ...]:
         """Gravity's terms over the joints' range."""

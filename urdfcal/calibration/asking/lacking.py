@@ -10,11 +10,13 @@ them as well in readings to come.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.residual import Linearisation
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,17 @@ class Lacking:
     def beside(self, predicted: float) -> float:
         """What it adds to an error that is predicted without it, root mean squares, [m]: in proportion, and no more than it was seen to."""
         return min(predicted * float(np.sqrt(self.left)), self.length)
+
+    def widening(self, found: Estimate, linearisation: Linearisation, plain: Matrix) -> Estimate:
+        """An estimate whose covariance knows of it.
+
+        Args:
+            found: The fit.
+            linearisation: Of what was fitted, at the estimate.
+            plain: Covariance of the data and the priors alone, (p, p).
+        """
+        H = found.noise.weights(linearisation).jacobian(linearisation)
+        return replace(found, belief=Belief(found.belief.x, self.widened(found.belief.P, plain, H)))
 
     def widened(self, P: Matrix, plain: Matrix, H: Matrix) -> Matrix:
         """The fit's covariance that knows of it, (p, p).
