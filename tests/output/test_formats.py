@@ -21,7 +21,8 @@ from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import UR_JOINTS, origins_yaml, ur_joints, ur_yaml
 from urdfcal.output.formats import Deployed, deployment, stem_of
-from urdfcal.output.joint_offsets import configurations, joint_offset, joint_offsets, offset_loss
+from urdfcal.output.joint_offsets import joint_offset, joint_offsets, offset_loss
+from urdfcal.robot.configurations import random_configurations
 from urdfcal.robot.robot import Robot, load_robot, robot_from
 from urdfcal.robot.urdf_writer import with_origins
 
@@ -223,7 +224,7 @@ def test_mimic_joints_follow_in_the_configurations(rng: np.random.Generator) -> 
             "<mimic", '<limit lower="-9" upper="9" effort="1" velocity="1"/><mimic'
         )
     )
-    turn, lift, slide = configurations(robot, rng, 100).T
+    turn, lift, slide = random_configurations(robot, rng, 100).T
     np.testing.assert_allclose(lift, 0.3 - 2 * turn, atol=1e-12)
     assert (np.abs(turn) <= 0.6).all()
     assert (slide >= 0).all()

@@ -35,6 +35,9 @@ COMMANDS = {
         "urdfcal apply robot.urdf robot_calibration.yaml -o robot_calibrated.urdf",
         RESULTS,
     ),
+    "compare": Described(
+        "Compare two calibrations or URDFs of one robot.", "urdfcal compare monday_calibration.yaml friday_calibration.yaml", RESULTS
+    ),
     "simulate": Described(
         "Simulate measurements of a robot with known errors.", "urdfcal simulate robot.urdf -o try.csv --sensor point:tool0", TRYING
     ),

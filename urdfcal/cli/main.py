@@ -17,6 +17,7 @@ from urdfcal.base.errors import FitRejected, UrdfcalError
 from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
+from urdfcal.cli.compare_command import compare
 from urdfcal.cli.console import asked_quiet
 from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
@@ -43,7 +44,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, measurements, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
+for _command in (fit, measurements, evaluate, check, dh, simulate, apply, compare, paper, view, camera, markers, spots, render, module):
     app.command(cls=SimulateCommand if _command is simulate else OurCommand, **described(_command.__name__))(_command)
 
 

@@ -18,7 +18,7 @@ from urdfcal.base.errors import RigError, RobotError
 from urdfcal.base.geometry import MM, SE3, Matrix, Vector, rotation_screw, translation_screw
 from urdfcal.base.terminal import rounded
 from urdfcal.output.driver_yaml import yaml_text
-from urdfcal.robot.configurations import WholeRobot, has_room
+from urdfcal.robot.configurations import has_room, random_configurations
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
@@ -136,7 +136,7 @@ def offset_loss(robot: Robot, origins: Mapping[str, SE3], rng: np.random.Generat
     base, tool = _ends(robot, joint_offsets(robot, origins))
     alone = {name: joints[name].origin * pin.exp6(_screw(joints[name]) * value) for name, value in joint_offsets(robot, origins).items()}
     fixed = {name: origin for name, origin in origins.items() if not joints[name].moves}
-    q = configurations(robot, rng, count)
+    q = random_configurations(robot, rng, count)
     whole, offsets, nominal = (_positions(robot, placed, base, tool, q) for placed in (origins, fixed | alone, fixed))
     lost, uncorrected = (np.linalg.norm(found - whole, axis=1) / MM for found in (offsets, nominal))
     return OffsetLoss(
@@ -170,17 +170,6 @@ def _ends(robot: Robot, moving: Mapping[str, float]) -> tuple[str, str]:
         return robot.rig.base, robot.rig.tip
     except RigError:
         return joints[0].parent, joints[-1].child
-
-
-def configurations(robot: Robot, rng: np.random.Generator, count: int) -> Matrix:
-    """Random positions of every joint that moves, (n, nq); mimic joints follow their leaders, the rest stays at neutral."""
-    joints = {name: joint for name, joint in robot.tree.joints.items() if joint.moves}
-    drawn = {
-        name: rng.uniform(-np.pi, np.pi, count) if joint.type == "continuous" else rng.uniform(joint.lower, joint.upper, count)
-        for name, joint in joints.items()
-    }
-
-    return WholeRobot(robot, list(drawn)).configurations(np.column_stack(list(drawn.values())))
 
 
 def _positions(robot: Robot, origins: Mapping[str, SE3], base: str, tool: str, q: Matrix) -> Matrix:

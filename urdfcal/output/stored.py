@@ -77,11 +77,18 @@ class PosteriorEntry(_Loose):
         return self
 
 
+class RobotEntry(_Loose):
+    """The description that was calibrated."""
+
+    file: str = ""
+
+
 class CalibrationEntries(_Loose):
     """The part of the file that is read back."""
 
     joints: dict[str, JointEntry] = Field(min_length=1)
     posterior: PosteriorEntry | None = None
+    robot: RobotEntry | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,11 +99,13 @@ class StoredCalibration(Applicable):
         path: The file.
         corrections: Nominal and corrected origin by joint name.
         posterior: What was decided of the joints' parameters, as the file has it; None if it does not say.
+        description: The file of the robot that was calibrated, as it was named then; empty if the file does not say.
     """
 
     path: Path
     corrections: dict[str, OriginCorrection]
     posterior: PosteriorEntry | None = None
+    description: str = ""
 
     def __repr__(self) -> str:
         """In a line."""
@@ -217,7 +226,7 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
         for name, entry in entries.joints.items()
     }
-    return StoredCalibration(path, corrections, entries.posterior)
+    return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "")
 
 
 def _no_calibration(content: Any) -> str:

@@ -105,6 +105,16 @@ def whole_configurations(robot: Robot, q: Matrix) -> Matrix:
     return WholeRobot(robot, robot.chain.input_names).configurations(q)
 
 
+def random_configurations(robot: Robot, rng: np.random.Generator, count: int) -> Matrix:
+    """Random positions of every joint that moves, (n, nq); mimic joints follow their leaders, the rest stays at neutral."""
+    joints = {name: joint for name, joint in robot.tree.joints.items() if joint.moves}
+    drawn = {
+        name: rng.uniform(-np.pi, np.pi, count) if joint.type == "continuous" else rng.uniform(joint.lower, joint.upper, count)
+        for name, joint in joints.items()
+    }
+    return WholeRobot(robot, list(drawn)).configurations(np.column_stack(list(drawn.values())))
+
+
 def _pairs(pairs: Sequence[tuple[int, int]]) -> npt.NDArray[np.intp]:
     """Columns and places in a configuration, (2, joints)."""
     return np.array(pairs, dtype=np.intp).reshape(-1, 2).T

@@ -202,11 +202,11 @@ def _moved(robot: Robot, errors: ErrorModel, x: Vector, link: str, measured: Mat
     jacobian = tool_jacobian(robot, errors, x, link, q, far)
     still = np.broadcast_to(np.eye(3), axes.shape)
     whole, turning = turned @ jacobian[:, :3], turned @ jacobian[:, 3:]
-    apart, constant = _without(whole, np.concatenate([still, -skew(placed), axes], axis=2))
-    return _Moved(whole, apart, constant, _without(turning, np.concatenate([still, axes], axis=2))[0])
+    apart, constant = without_constants(whole, np.concatenate([still, -skew(placed), axes], axis=2))
+    return _Moved(whole, apart, constant, without_constants(turning, np.concatenate([still, axes], axis=2))[0])
 
 
-def _without(A: Array3, G: Array3) -> tuple[Array3, Matrix]:
+def without_constants(A: Array3, G: Array3) -> tuple[Array3, Matrix]:
     """Motion A (n, 3, p) without what constants that move by G (n, 3, k) explain of it, and what those constants are (k, p)."""
     constant = np.linalg.pinv(G.reshape(-1, G.shape[2]), rcond=_SAME) @ A.reshape(-1, A.shape[2])
     return A - G @ constant, constant
