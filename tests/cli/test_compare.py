@@ -60,3 +60,32 @@ def test_what_cannot_be_compared_is_refused(run_cli: Callable, truths: tuple[str
         assert (refused.code, refused.err.count("\n")) == (2, 1)
         assert said in refused.err
     assert run_cli("compare", lost, lost, "--robot", ARM7).code == 0
+
+
+def test_an_imported_calibration_is_one_of_ours(run_cli: Callable, truths: tuple[str, str]) -> None:
+    """The URDF of a calibration, imported, is that calibration: for compare, for apply, and as the prior of a later fit."""
+    assert run_cli("apply", ARM7, truths[0], "-o", "a.urdf").code == 0
+    imported = run_cli("import", ARM7, "a.urdf", "-o", "imported.yaml")
+    assert (imported.code, "wrote imported.yaml with" in imported.out) == (0, True)
+    assert "the same but for rounding" in run_cli("compare", "imported.yaml", truths[0]).out
+    assert run_cli("apply", ARM7, "imported.yaml", "-o", "again.urdf").code == 0
+    assert "the same but for rounding" in run_cli("compare", "again.urdf", "a.urdf").out
+    assert run_cli("import", ARM7, "a.urdf", "-o", "imported.yaml").code == 0, "the same files may be imported again"
+    run_cli("fit", "a.urdf", "a.csv", "--after", "imported.yaml", "--no-sag", "--no-ask", "--force", "-o", "after.urdf")
+    found = json.loads(run_cli("compare", "after_calibration.yaml", "imported.yaml", "--json").out)
+    assert found["same"], "five poses move what is known so well by no more than it is unsure of"
+
+
+def test_imports_that_make_no_sense_are_refused(run_cli: Callable, truths: tuple[str, str]) -> None:
+    """Nothing to import, a table without its convention, options without a table, our own calibration: a line each, exit 2."""
+    Path("dh.csv").write_text("joint,d_a\njoint1,1e-3\n")
+    for words, said in (
+        ((ARM7, ARM7), "there is nothing to import"),
+        ((ARM7, "dh.csv"), "a table of D-H errors needs --convention"),
+        ((ARM7, truths[0]), "is a calibration of urdfcal's own already"),
+        ((ARM7, ARM7, "--tip", "slm"), "--tip is about tables of D-H errors"),
+        ((ARM7, "dh.csv", "--convention", "paper", "--tip", "slm", "--sigma", "3"), "'3' is not a prior"),
+    ):
+        refused = run_cli("import", *words, "-o", "out.yaml")
+        assert (refused.code, refused.err.count("\n"), Path("out.yaml").exists()) == (2, 1, False)
+        assert said in refused.err

@@ -35,6 +35,11 @@ COMMANDS = {
         "urdfcal apply robot.urdf robot_calibration.yaml -o robot_calibrated.urdf",
         RESULTS,
     ),
+    "import": Described(
+        "Take a maker's own calibration in as one of ours.",
+        "urdfcal import ur5e.urdf my_ur5e.yaml -o ur5e_calibration.yaml",
+        RESULTS,
+    ),
     "compare": Described(
         "Compare two calibrations or URDFs of one robot.", "urdfcal compare monday_calibration.yaml friday_calibration.yaml", RESULTS
     ),

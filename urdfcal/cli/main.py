@@ -22,6 +22,7 @@ from urdfcal.cli.console import asked_quiet
 from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.help import OurCommand, OurGroup
+from urdfcal.cli.import_command import import_
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
@@ -44,8 +45,26 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, measurements, evaluate, check, dh, simulate, apply, compare, paper, view, camera, markers, spots, render, module):
-    app.command(cls=SimulateCommand if _command is simulate else OurCommand, **described(_command.__name__))(_command)
+for _command in (
+    fit,
+    measurements,
+    evaluate,
+    check,
+    dh,
+    simulate,
+    apply,
+    import_,
+    compare,
+    paper,
+    view,
+    camera,
+    markers,
+    spots,
+    render,
+    module,
+):
+    _name = _command.__name__.removesuffix("_")  # `import` is a word of Python's own
+    app.command(_name, cls=SimulateCommand if _command is simulate else OurCommand, **described(_name))(_command)
 
 
 @app.callback()

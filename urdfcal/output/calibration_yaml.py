@@ -17,6 +17,7 @@ from urdfcal.base.version import __version__
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
+from urdfcal.model.earlier import EarlierJoints
 from urdfcal.output.text.instruments import noise_in_common
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import Rig
@@ -84,6 +85,27 @@ def truth_yaml(
     return _yaml("The true errors of a SIMULATED robot. xyz and values in metres, rpy in radians.", content)
 
 
+def imported_yaml(
+    robot: Robot, corrections: Mapping[str, OriginCorrection], joints: EarlierJoints | None, source: Path, command: Sequence[str]
+) -> bytes:
+    """Corrections that somebody else found, as a calibration.
+
+    Args:
+        robot: The description that they correct.
+        corrections: By joint name.
+        joints: What a later fit is to believe of them; None where nothing is assumed.
+        source: The file that they come from.
+        command: The command line, for the record.
+    """
+    content = {
+        **_provenance(robot, command, rig=False),
+        "imported": {"file": _readable(str(source)), "sha256": sha256(source.read_bytes())},
+        "joints": joint_entries(corrections),
+        **_gaussian(joints),
+    }
+    return _yaml("A calibration that was not made by urdfcal, imported. xyz and values in metres, rpy in radians.", content)
+
+
 def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
     """Name, value, sigma, unit, prior and whether the data decided it, for every parameter; SI."""
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
@@ -102,14 +124,19 @@ def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
 
 def posterior_entry(calibration: FitResult) -> dict[str, Any]:
     """The joints' parameters as a Gaussian about the corrected origins, for a later fit that shares some of them; SI."""
-    joints = joints_of(calibration)
+    return _gaussian(joints_of(calibration))
+
+
+def _gaussian(joints: EarlierJoints | None) -> dict[str, Any]:
+    if joints is None or not joints.names:
+        return {}
     entry = {
         "names": list(joints.names),
         "prior_sigma": joints.sigma.tolist(),
         "twists": joints.screws.T.tolist(),
         "covariance": joints.covariance.tolist(),
     }
-    return {"posterior": entry} if joints.names else {}
+    return {"posterior": entry}
 
 
 def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]:
@@ -130,7 +157,7 @@ def sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
+def _provenance(robot: Robot, command: Sequence[str], rig: bool = True) -> dict[str, Any]:
     words = [Path(command[0]).name, *command[1:]] if command else []
     return {
         "urdfcal": __version__,
@@ -142,7 +169,7 @@ def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:
             "sha256": sha256(robot.description.text),
             "expanded_by_xacro": robot.description.expanded,
         },
-        "rig": _rig_entry(robot.rig),
+        **({"rig": _rig_entry(robot.rig)} if rig else {}),
     }
 
 

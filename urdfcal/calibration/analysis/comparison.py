@@ -329,7 +329,7 @@ def default_tool(one: Account, other: Account) -> str:
     """
     tree, ours, theirs = one.robot.tree, one.robot.tree.joints, other.robot.tree.joints
     differ = {name for name in ours if name in theirs and not same_origin(ours[name].origin, theirs[name].origin)}
-    differ = {name for name in differ if ours[name].moves} or {name for name in ours if ours[name].moves}
+    differ = differ or {name for name in ours if ours[name].moves}
 
     def rank(link: str) -> tuple[int, int, int]:
         path = tree.path_from_root(link)
