@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.terminal import rounded
 from urdfcal.cli.console import finish
 from urdfcal.cli.inputs import load
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
@@ -74,6 +73,7 @@ def import_(
 ) -> None:
     """Take a calibration that somebody else made, such as the maker's own, in as one of ours: for apply, compare and fit --after."""
     from urdfcal.base.geometry import distance_mm_mrad
+    from urdfcal.base.terminal import rounded
     from urdfcal.model.options import parse_prior
     from urdfcal.output.calibration_yaml import imported_yaml, sha256
     from urdfcal.output.imported import assumed_joints, corrections_to
