@@ -89,3 +89,17 @@ def test_imports_that_make_no_sense_are_refused(run_cli: Callable, truths: tuple
         refused = run_cli("import", *words, "-o", "out.yaml")
         assert (refused.code, refused.err.count("\n"), Path("out.yaml").exists()) == (2, 1, False)
         assert said in refused.err
+
+
+def test_targets_are_corrected(run_cli: Callable, truths: tuple[str, str]) -> None:
+    """Corrected positions bring the real robot where the nominal one would have gone: the same evaluation, the other way round."""
+    names = ",".join(f"joint{index} [deg]" for index in range(1, 8))
+    Path("t.csv").write_text(f"{names}\n10,20,30,-40,50,20,70\n-10,-20,30,40,50,-20,70\n")
+    done = run_cli("correct", ARM7, "t.csv", "--calibration", truths[0], "--tool", "slm", "-o", "out.csv", "--json")
+    assert done.code == 0
+    found = json.loads(done.out)["targets"]
+    assert all(each["left_mm"] < 1e-6 < each["before_mm"] and each["reservation"] is None for each in found)
+    assert [len(line.split(",")) for line in Path("out.csv").read_text().splitlines()] == [7, 7, 7]
+    again = run_cli("correct", ARM7, "t.csv", "--calibration", truths[1], "--tool", "slm", "-o", "out.csv")
+    assert (again.code, "out.csv: is there already and holds something else" in again.err) == (2, True)
+    assert run_cli("correct", ARM7, "t.csv", "--calibration", truths[1], "-o", "t.csv").code == 2

@@ -35,6 +35,11 @@ COMMANDS = {
         "urdfcal apply robot.urdf robot_calibration.yaml -o robot_calibrated.urdf",
         RESULTS,
     ),
+    "correct": Described(
+        "Correct targets for a controller that keeps its geometry.",
+        "urdfcal correct robot.urdf targets.csv --calibration robot_calibration.yaml -o corrected.csv",
+        RESULTS,
+    ),
     "import": Described(
         "Take a maker's own calibration in as one of ours.",
         "urdfcal import ur5e.urdf my_ur5e.yaml -o ur5e_calibration.yaml",

@@ -19,6 +19,7 @@ from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
 from urdfcal.cli.compare_command import compare
 from urdfcal.cli.console import asked_quiet
+from urdfcal.cli.correct_command import correct
 from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.help import OurCommand, OurGroup
@@ -45,24 +46,9 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (
-    fit,
-    measurements,
-    evaluate,
-    check,
-    dh,
-    simulate,
-    apply,
-    import_,
-    compare,
-    paper,
-    view,
-    camera,
-    markers,
-    spots,
-    render,
-    module,
-):
+_LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, simulate)
+_RESULTS: tuple[Any, ...] = (apply, correct, import_, compare, paper, view)
+for _command in (*_LOOKING, *_RESULTS, camera, markers, spots, render, module):
     _name = _command.__name__.removesuffix("_")  # `import` is a word of Python's own
     app.command(_name, cls=SimulateCommand if _command is simulate else OurCommand, **described(_name))(_command)
 

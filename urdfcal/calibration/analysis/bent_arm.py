@@ -19,11 +19,11 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import Array3, Matrix, Vector
-from urdfcal.base.rotations import skew
 from urdfcal.model.softness import Softness
 from urdfcal.robot.chain import leader_of
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.robot.way import slid, turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +66,9 @@ class BentArm:
         if position is not None:
             own = position + deflections[:, terms[0]].sum(axis=1)
             axis = np.array(joint.axis)
-            yield _slid(axis, own) if joint.prismatic else _turned(axis, own)
+            yield slid(axis, own) if joint.prismatic else turned(axis, own)
         for term in terms[1]:
-            yield _turned(np.array(self.softness.terms[term].axis), deflections[:, term])
+            yield turned(np.array(self.softness.terms[term].axis), deflections[:, term])
 
     def _position(self, joint: UrdfJoint, q: Matrix) -> Vector | None:
         """Of a joint, (n,), whatever moves it; None where it does not move, or has no single axis."""
@@ -86,18 +86,3 @@ class BentArm:
             about, across = found.setdefault(self.softness.chain.moving[term.joint].joint.name, ([], []))
             (about if term.axis is None else across).append(number)
         return found
-
-
-def _turned(axis: Vector, angle: Vector) -> Array3:
-    """Turns about one axis, (n, 4, 4)."""
-    K, placed = skew(axis[None])[0], np.repeat(np.eye(4)[None], len(angle), axis=0)
-    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    placed[:, :3, :3] += s * K + (1 - c) * (K @ K)
-    return placed
-
-
-def _slid(axis: Vector, by: Vector) -> Array3:
-    """Slides along one axis, (n, 4, 4)."""
-    placed = np.repeat(np.eye(4)[None], len(by), axis=0)
-    placed[:, :3, 3] = by[:, None] * axis
-    return placed

@@ -1,0 +1,82 @@
+"""False targets: the real tool comes where it was wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from urdfcal.deploy.false_targets import FAR, LEFT_MM, false_joints, false_placements, solved, spoken
+from urdfcal.output.stored import corrected_robot
+from urdfcal.robot.robot import load_robot
+from urdfcal.robot.way import Way
+
+ARMS = {"ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"), "panda": ("panda_description/urdf/panda.urdf", "panda_link8")}
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def ways(request: pytest.FixtureRequest, example_robots: Path) -> tuple[Way, Way]:
+    """A nominal arm, and a real one that is off by millimetres and milliradians a joint."""
+    path, tool = ARMS[request.param]
+    robot, rng = load_robot(example_robots / path), np.random.default_rng(4)
+    nominal = Way.between(robot, tool)
+    errors = {name: rng.normal(0.0, [1e-3] * 3 + [2e-3] * 3) for name in nominal.names}
+    origins = {name: robot.tree.joints[name].origin * pin.exp6(error) for name, error in errors.items()}
+    return nominal, Way.between(corrected_robot(robot, origins), tool)
+
+
+def positions(way: Way, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Positions within the limits at which every direction can be reached well."""
+    lower, upper = 0.9 * np.maximum(way.limits[0], -np.pi), 0.9 * np.minimum(way.limits[1], np.pi)
+    q = rng.uniform(lower, upper, (20 * count, len(lower)))
+    _, J = way.jacobians(q)
+    return q[np.linalg.svd(J, compute_uv=False)[:, -1] > 0.08][:count]
+
+
+def test_the_real_tool_comes_where_the_nominal_one_would(ways: tuple[Way, Way], rng: np.random.Generator) -> None:
+    """At the positions that are told the real robot has the tool where the nominal one has it at those that were wanted."""
+    nominal, real = ways
+    q = positions(nominal, rng, 100)
+    found = false_joints(nominal, real.placements, q)
+    assert np.allclose(real.placements(found.reached.q), nominal.placements(q), atol=1e-9)
+    assert found.before_mm.mean() > 1
+    assert np.abs(found.reached.moved).max() < FAR
+    assert spoken(nominal, found) == [""] * len(q)
+
+
+def test_a_controller_that_believes_its_geometry_goes_there(ways: tuple[Way, Way], rng: np.random.Generator) -> None:
+    """The positions at which the nominal robot reaches the false placements bring the real tool to the true ones."""
+    nominal, real = ways
+    q = positions(nominal, rng, 20)
+    wanted = nominal.placements(q)
+    reached = solved(nominal, wanted, q + rng.normal(0.0, 0.02, q.shape))
+    assert reached.whole.all()
+    found = false_placements(nominal, real.placements, wanted, reached.q)
+    told = solved(nominal, found.placements, found.reached.q)
+    assert np.allclose(real.placements(told.q), wanted, atol=1e-8)
+
+
+def test_what_is_left_over_at_a_limit_is_said(ways: tuple[Way, Way], rng: np.random.Generator) -> None:
+    """Where the first joint stands at its limit, or the arm is stretched, no position is beyond a limit and what is left is named."""
+    nominal, real = ways
+    q = positions(nominal, rng, 10)
+    q[:, 0] = nominal.limits[1, 0]
+    found = false_joints(nominal, real.placements, q)
+    assert (found.reached.q <= nominal.limits[1] + 1e-12).all()
+    left = found.reached.left_mm > LEFT_MM
+    words = spoken(nominal, found)
+    assert [f"{nominal.names[0]}" in said and "left over" in said for said, over in zip(words, left, strict=True) if over] == [
+        True
+    ] * left.sum()
+    assert (found.reached.left_mm <= found.before_mm + 1e-9).all() or (found.reached.left_deg < found.before_deg).all()
+
+
+def test_a_far_target_is_found_from_elsewhere(ways: tuple[Way, Way], rng: np.random.Generator) -> None:
+    """A placement far from the positions that are near is reached all the same."""
+    nominal, _ = ways
+    q = positions(nominal, rng, 5)
+    reached = solved(nominal, nominal.placements(q), np.zeros_like(q) + 0.3)
+    assert reached.whole.all()
+    assert np.allclose(nominal.placements(reached.q), nominal.placements(q), atol=1e-8)

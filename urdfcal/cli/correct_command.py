@@ -1,0 +1,118 @@
+"""`urdfcal correct`: false targets for a controller that keeps its nominal geometry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from urdfcal.base.errors import UsageError
+from urdfcal.cli.console import Working, show, warn
+from urdfcal.cli.inputs import load, stored_calibration
+from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
+from urdfcal.cli.places import deliver, named, require_no_json, require_places, stated_place, told
+
+if TYPE_CHECKING:
+    from urdfcal.deploy.false_targets import Placements
+    from urdfcal.robot.robot import Robot
+    from urdfcal.robot.way import Way
+
+
+def correct(
+    robot: RobotFile,
+    targets: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TARGETS",
+            help="CSV: columns named after the joints; or x, y, z with qx, qy, qz, qw, roll, pitch, yaw, rx, ry, rz or A, B, C.",
+            show_default=False,
+        ),
+    ],
+    calibration: Annotated[Path, typer.Option(metavar="CALIBRATION", help="What fit or import wrote.", show_default=False)],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="OUT",
+            parser=stated_place,
+            help="The same file with other numbers; a folder for <targets>_corrected.<ending> in it, - for stdout.",
+            show_default=False,
+        ),
+    ],
+    compensation: Annotated[
+        Path | None, typer.Option(metavar="YAML", help="How the arm gives way, as fit --compensation wrote it.", show_default=False)
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK", help="The link that targets are of. Default: behind the joints that were calibrated.", show_default=False
+        ),
+    ] = None,
+    base: Annotated[
+        str | None, typer.Option(metavar="LINK", help="The link that placements are told in. Default: the root.", show_default=False)
+    ] = None,
+    near: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POSITIONS",
+            help="Positions in deg, mm where a joint slides, such as 0,-90,90,0,90,0: the configuration of the first placement.",
+            show_default=False,
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    xacro_arg: XacroArgs = None,
+    xacro_limit: XacroLimits = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Correct targets for a controller that keeps its nominal geometry, so that the real tool comes where it was wanted."""
+    from urdfcal.deploy.target_csv import near_from, read_targets
+    from urdfcal.deploy.targets import corrected
+    from urdfcal.output.accounts import account_of
+    from urdfcal.output.replaced import inputs_sha256, require_same
+    from urdfcal.output.text.targets import target_blocks, targets_json
+    from urdfcal.robot.way import Way
+
+    require_no_json(as_json, output)
+    place = named(output, f"{targets.stem}_corrected{targets.suffix}")
+    require_places(place, inputs=(robot, targets, calibration, compensation))
+    arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+    real = account_of(stored_calibration(calibration), arm)
+    nominal = Way.between(arm, tool or _tool(arm, real.robot), base)
+    file = read_targets(targets, nominal)
+    with Working(f"correcting {len(file.targets)} targets", quiet):
+        placements = _placements(nominal, real.robot, compensation, package_dir)
+        found = corrected(file, nominal, placements, None if near is None else near_from(near, nominal))
+    content = file.with_numbers([each.values for each in found])
+    if not overwrite:
+        require_same({place: content})
+    deliver({place: content})
+    warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
+    machine = targets_json(found) | {"file": str(place), "made_of": inputs_sha256((robot, targets, calibration, compensation))}
+    show(machine if as_json else None, [*target_blocks(found, nominal), "", f"wrote {told([place])[0]}"])
+
+
+def _tool(nominal: Robot, real: Robot) -> str:
+    from urdfcal.calibration.analysis.comparison import Account, default_tool
+
+    return default_tool(Account("", nominal), Account("", real))
+
+
+def _placements(nominal: Way, real: Robot, compensation: Path | None, package_dirs: list[Path] | None) -> Placements:
+    """Where the real robot has the tool."""
+    from urdfcal.deploy.false_targets import sagging
+    from urdfcal.robot.way import Way
+
+    way = Way.between(real, nominal.tool, nominal.base)
+    if compensation is None:
+        return way.placements
+    from urdfcal.calibration.analysis.compensation import load_compensation
+
+    found = load_compensation(compensation, package_dirs or ())
+    lacking = [name for name in found.joints if name not in way.names]
+    if lacking:
+        raise UsageError(f"--compensation {compensation}: is of joints that do not move '{nominal.tool}': {', '.join(lacking)}")
+    return sagging(found, way)

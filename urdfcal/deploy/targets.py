@@ -1,0 +1,229 @@
+"""Targets in files: where each of their numbers stands in the text, and the text with other numbers at these places, all else as it was."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from urdfcal.base.errors import InputError
+from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, solved, spoken
+from urdfcal.deploy.orientations import Orientation
+from urdfcal.robot.way import Way
+
+_DIGITS = {1.0: 9, MM: 5, DEG: 6}  # behind the point that a number at least gets, by its unit's size: under a micrometre and a microradian
+_EXPONENT = re.compile(r"[eE]")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that stands in a text.
+
+    Attributes:
+        start, end: From where to where.
+        unit: Size of its unit in SI.
+        value: [rad], [m] or without unit.
+    """
+
+    start: int
+    end: int
+    unit: float
+    value: float
+
+    def written(self, text: str, value: float) -> tuple[int, int, str]:
+        """Its place, and another value as it is written there: with its decimals, and as many more as a micrometre needs."""
+        old = text[self.start : self.end]
+        decimals = 0 if _EXPONENT.search(old) else len(old.partition(".")[2])
+        new = f"{value / self.unit:.{max(decimals, _DIGITS.get(self.unit, 9))}f}"
+        whole, _, part = new.partition(".")
+        part = part[:decimals] + part[decimals:].rstrip("0")
+        new = f"{whole}.{part}" if part else whole
+        return self.start, self.end, "+" + new if old.startswith("+") and not new.startswith("-") else new
+
+
+@dataclass(frozen=True)
+class Target:
+    """A place that a robot is to go to.
+
+    Attributes:
+        line: Where it stands.
+        numbers: Positions of the joints, or x, y, z and an orientation.
+        orientation: How the latter is written; None where the numbers are positions.
+        T_base_frame: The frame that the placement is told in, as the robot's base sees it, (4, 4).
+        T_flange_tcp: The point that it is about, as the tool's link sees it, (4, 4).
+        near: Positions in whose configuration it is reached, (k,), if the file says.
+    """
+
+    line: int
+    numbers: tuple[Number, ...]
+    orientation: Orientation | None = None
+    T_base_frame: Matrix = field(default_factory=lambda: np.eye(4))
+    T_flange_tcp: Matrix = field(default_factory=lambda: np.eye(4))
+    near: Vector | None = None
+
+    @property
+    def values(self) -> Vector:
+        """The numbers in SI."""
+        return np.array([number.value for number in self.numbers])
+
+    def placement(self) -> Matrix:
+        """Placement of the tool's link in the robot's base, (4, 4)."""
+        assert self.orientation is not None
+        told = np.eye(4)
+        told[:3, 3], told[:3, :3] = self.values[:3], self.orientation.rotations(self.values[None, 3:])[0]
+        return np.asarray(self.T_base_frame @ told @ np.linalg.inv(self.T_flange_tcp))
+
+    def numbers_of(self, placement: Matrix) -> Vector:
+        """The numbers that tell a placement of the tool's link in the robot's base."""
+        assert self.orientation is not None
+        told = np.linalg.inv(self.T_base_frame) @ placement @ self.T_flange_tcp
+        return np.concatenate([told[:3, 3], self.orientation.numbers(told[:3, :3], self.values[3:])])
+
+
+@dataclass(frozen=True)
+class TargetFile:
+    """A file with targets.
+
+    Attributes:
+        path: The file.
+        text: Its text; line ends as they are.
+        encoding: Of its bytes.
+        targets: In the file's order.
+    """
+
+    path: Path
+    text: str
+    encoding: str
+    targets: tuple[Target, ...]
+
+    def with_numbers(self, values: Sequence[Vector | None]) -> bytes:
+        """The file with other numbers at the places of its targets, in SI; None leaves a target as it is."""
+        changes = [
+            number.written(self.text, float(value))
+            for target, row in zip(self.targets, values, strict=True)
+            if row is not None
+            for number, value in zip(target.numbers, row, strict=True)
+        ]
+        pieces, end = [], 0
+        for start, stop, new in sorted(changes):
+            pieces += [self.text[end:start], new]
+            end = stop
+        return "".join([*pieces, self.text[end:]]).encode(self.encoding)
+
+
+@dataclass(frozen=True, eq=False)
+class Corrected:
+    """What became of one target.
+
+    Attributes:
+        target: As it stood.
+        values: Its numbers now, in SI.
+        before_mm, before_deg: How far off the real tool was.
+        left_mm, left_deg: How far off it is now.
+        q: Positions at which the real robot has its tool there, (k,).
+        said: What is to be said of it; the empty string where the tool comes where it was wanted.
+    """
+
+    target: Target
+    values: Vector
+    before_mm: float
+    before_deg: float
+    left_mm: float
+    left_deg: float
+    q: Vector
+    said: str
+
+
+def corrected(file: TargetFile, nominal: Way, real: Placements, near: Vector | None = None) -> list[Corrected]:
+    """False targets for all targets of a file.
+
+    Args:
+        file: The targets.
+        nominal: As the controller has the robot.
+        real: Where the real robot has the tool's link at positions, (n, k) -> (n, 4, 4).
+        near: Positions in whose configuration the first target is reached, (k,), where the file does not say.
+
+    Raises:
+        InputError: a placement stands before anything that says its configuration, or cannot be reached by the nominal robot.
+    """
+    found: dict[int, Corrected] = {}
+    jointed = [row for row, target in enumerate(file.targets) if target.orientation is None]
+    placed = [row for row, target in enumerate(file.targets) if target.orientation is not None]
+    if jointed:
+        targets = false_joints(nominal, real, np.array([file.targets[row].values for row in jointed]))
+        found |= _told(file, nominal, jointed, targets, lambda index, _: np.asarray(targets.reached.q[index]))
+    if placed:
+        wanted = np.array([file.targets[row].placement() for row in placed])
+        false = false_placements(nominal, real, wanted, _nominal(file, nominal, placed, wanted, near))
+        found |= _told(file, nominal, placed, false, lambda index, target: target.numbers_of(false.placements[index]))
+    return [found[row] for row in range(len(file.targets))]
+
+
+def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, near: Vector | None) -> Matrix:
+    """Positions at which the controller reaches the placements of a file, each in the configuration of what is said of it or before it.
+
+    Raises:
+        InputError: nothing says the configuration of a placement, or it is out of reach.
+    """
+    own = [file.targets[row].near for row in rows]
+    if all(each is not None for each in own):
+        reached = solved(way, wanted, np.array(own))
+        for index, row in enumerate(rows):
+            _require_reached(file, file.targets[row], reached, index)
+        return reached.q
+    q = np.empty((len(rows), len(way.names)))
+    for row, target in enumerate(file.targets):
+        if target.orientation is None:
+            near = target.values
+            continue
+        near = target.near if target.near is not None else near
+        if near is None:
+            raise InputError(
+                "nothing says in which configuration this placement is reached, no joint target stands before it; "
+                "--near names positions of the joints",
+                file.path,
+                target.line,
+            )
+        index = rows.index(row)
+        reached = solved(way, wanted[index][None], near[None])
+        _require_reached(file, target, reached, 0)
+        q[index] = near = reached.q[0]
+    return q
+
+
+def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:
+    if not reached.whole[index]:
+        raise InputError(
+            f"the nominal robot does not reach this target: {reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left "
+            "over; see whether base, tool and the frames of the file are those of the controller",
+            file.path,
+            target.line,
+        )
+
+
+def _told(
+    file: TargetFile, way: Way, rows: Sequence[int], targets: FalseTargets, numbers: Callable[[int, Target], Vector]
+) -> dict[int, Corrected]:
+    words = spoken(way, targets)
+    return {
+        row: _corrected(file.targets[row], targets, index, numbers(index, file.targets[row]), words[index])
+        for index, row in enumerate(rows)
+    }
+
+
+def _corrected(target: Target, targets: FalseTargets, index: int, values: Vector, said: str) -> Corrected:
+    reached = targets.reached
+    return Corrected(
+        target,
+        values,
+        float(targets.before_mm[index]),
+        float(targets.before_deg[index]),
+        float(reached.left_mm[index]),
+        float(reached.left_deg[index]),
+        reached.q[index],
+        said,
+    )

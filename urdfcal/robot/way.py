@@ -1,0 +1,137 @@
+"""The way from one link of a robot to another behind it, at many configurations at once: placements and Jacobians.
+
+    T_base_tool(q) = A_1 M_1(q) A_2 M_2(q) ... A_tool
+
+with A_i the placement of the i-th moving joint behind the one before it and M_i its motion. In the tool's own axes joint i moves the tool
+by the twist Ad(T_i^-1_tool) s_i, s_i its unit screw: [a x t, a] turned into the tool's axes, t the tool as joint i sees it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from urdfcal.base.errors import RobotError, no_such
+from urdfcal.base.geometry import Array3, Matrix, Vector, product
+from urdfcal.base.rotations import skew
+from urdfcal.robot.chain import leader_of
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_tree import UrdfJoint
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The joints between two links.
+
+    Attributes:
+        robot: The robot.
+        base: The link from which the tool is seen.
+        tool: The link that is moved.
+    """
+
+    robot: Robot
+    base: str
+    tool: str
+
+    @classmethod
+    def between(cls, robot: Robot, tool: str, base: str | None = None) -> Way:
+        """The way to a link, by default from the root.
+
+        Raises:
+            RobotError: no such link, the base does not carry the tool, or no joint moves the one in the other.
+        """
+        tree = robot.tree
+        for link in (tool, base or tree.root):
+            if link not in tree.links:
+                raise RobotError(no_such("link", link, tree.links), robot.description.label)
+        way = cls(robot, base or tree.root, tool)
+        path = tree.path_from_root(tool)
+        if way.base != tree.root and way.base not in {joint.child for joint in path}:
+            raise RobotError(f"the link '{way.base}' does not carry '{tool}'", robot.description.label)
+        if not way.inputs:
+            raise RobotError(f"no joint moves '{tool}' in '{way.base}'", robot.description.label)
+        return way
+
+    @cached_property
+    def path(self) -> tuple[UrdfJoint, ...]:
+        """All joints of the way, in order."""
+        own, children = self.robot.tree.path_from_root(self.tool), [self.robot.tree.root]
+        children += [joint.child for joint in own]
+        return tuple(own[children.index(self.base) :])
+
+    @cached_property
+    def inputs(self) -> tuple[UrdfJoint, ...]:
+        """The joints that are set, each once; others follow them."""
+        leaders = (leader_of(self.robot.tree, joint)[0] for joint in self.path if joint.moves)
+        return tuple(dict.fromkeys(leaders))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints that are set."""
+        return tuple(joint.name for joint in self.inputs)
+
+    @cached_property
+    def limits(self) -> Matrix:
+        """Lower and upper limits of the joints that are set, (2, k); infinite where a joint turns on and on."""
+        return np.array([(joint.lower, joint.upper) for joint in self.inputs]).T
+
+    def placements(self, q: Matrix) -> Array3:
+        """Placement of the tool in the base, (n, 4, 4), at positions (n, k), [rad] or [m]."""
+        *_, tool = self._frames(q)
+        return tool
+
+    def jacobians(self, q: Matrix) -> tuple[Array3, Array3]:
+        """The same, and the twist of the tool in its own axes per unit of each position, (n, 6, k)."""
+        *frames, tool = self._frames(q)
+        J = np.zeros((len(q), 6, len(self.inputs)))
+        for (joint, column, factor), frame in zip(self._motions, frames, strict=True):
+            axis = np.array(joint.axis)
+            to_tool = np.einsum("nji,njk->nik", frame[:, :3, :3], tool[:, :3, :3]).transpose(0, 2, 1)
+            lever = np.einsum("nji,nj->ni", frame[:, :3, :3], tool[:, :3, 3] - frame[:, :3, 3])
+            linear, angular = (np.broadcast_to(axis, lever.shape), 0.0 * lever) if joint.prismatic else (np.cross(axis, lever), axis)
+            J[:, :3, column] += factor * np.einsum("nij,nj->ni", to_tool, linear)
+            J[:, 3:, column] += factor * np.einsum("nij,nj->ni", to_tool, np.broadcast_to(angular, lever.shape))
+        return tool, J
+
+    @cached_property
+    def _motions(self) -> list[tuple[UrdfJoint, int, float]]:
+        """Each moving joint, the position that moves it, and how many times."""
+        found = []
+        for joint in (joint for joint in self.path if joint.moves):
+            leader, factor, _ = leader_of(self.robot.tree, joint)
+            found.append((joint, self.inputs.index(leader), factor))
+        return found
+
+    def _frames(self, q: Matrix) -> Iterator[Array3]:
+        """Every moving joint's frame behind its motion, and the tool, in the base, (n, 4, 4) each."""
+        placed, pending = np.repeat(np.eye(4)[None], len(q), axis=0), []
+        for joint in self.path:
+            pending.append(joint.origin)
+            if joint.moves:
+                placed = placed @ product(pending).homogeneous @ self._motion(joint, q)
+                pending = []
+                yield placed
+        yield placed @ product(pending).homogeneous
+
+    def _motion(self, joint: UrdfJoint, q: Matrix) -> Array3:
+        leader, factor, shift = leader_of(self.robot.tree, joint)
+        position, axis = factor * q[:, self.inputs.index(leader)] + shift, np.array(joint.axis)
+        return slid(axis, position) if joint.prismatic else turned(axis, position)
+
+
+def turned(axis: Vector, angle: Vector) -> Array3:
+    """Turns about one axis, (n, 4, 4)."""
+    K, placed = skew(axis[None])[0], np.repeat(np.eye(4)[None], len(angle), axis=0)
+    s, c = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    placed[:, :3, :3] += s * K + (1 - c) * (K @ K)
+    return placed
+
+
+def slid(axis: Vector, by: Vector) -> Array3:
+    """Slides along one axis, (n, 4, 4)."""
+    placed = np.repeat(np.eye(4)[None], len(by), axis=0)
+    placed[:, :3, 3] = by[:, None] * axis
+    return placed
