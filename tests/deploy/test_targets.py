@@ -58,18 +58,11 @@ def test_nothing_but_numbers_is_touched(ur5: Way, tmp_path: Path) -> None:
     assert '"a, b", 10.501,-79.999,"90.251",+20.001,30.001,40.001,"x, ""y"""' in moved
 
 
-@pytest.mark.parametrize(
-    ("columns", "written"),
-    [
-        ("qx,qy,qz,qw", QUATERNION),
-        ("roll [deg],pitch [deg],yaw [deg]", FIXED_ANGLES),
-        ("rx,ry,rz", ROTATION_VECTOR),
-        ("A,B,C", KUKA_ANGLES),
-    ],
-)
-def test_placements_are_read_as_they_are_written(
-    columns: str, written: Orientation, ur5: Way, tmp_path: Path, rng: np.random.Generator
-) -> None:
+COLUMNS = {"qx,qy,qz,qw": QUATERNION, "roll [deg],pitch [deg],yaw [deg]": FIXED_ANGLES, "rx,ry,rz": ROTATION_VECTOR, "A,B,C": KUKA_ANGLES}
+
+
+@pytest.mark.parametrize("columns", COLUMNS)
+def test_placements_are_read_as_they_are_written(columns: str, ur5: Way, tmp_path: Path, rng: np.random.Generator) -> None:
     """A table of an arm's own placements is reached at the positions that it was made of, and comes back where nothing is wrong."""
     written, q = COLUMNS[columns], np.array([0.3, -1.2, 1.4, -0.5, 1.0, 0.2]) + rng.normal(0.0, 0.2, (5, 6))
     rows = []
