@@ -25,7 +25,8 @@ def correct(
         Path,
         typer.Argument(
             metavar="TARGETS",
-            help="CSV: columns named after the joints; or x, y, z with qx, qy, qz, qw, roll, pitch, yaw, rx, ry, rz or A, B, C.",
+            help="CSV: columns named after the joints; or x, y, z with qx, qy, qz, qw, roll, pitch, yaw, rx, ry, rz or A, B, C. "
+            "Or a program: URScript (.script), RAPID (.mod), KRL (.src, .dat), Fanuc TP (.ls).",
             show_default=False,
         ),
     ],
@@ -61,6 +62,15 @@ def correct(
             show_default=False,
         ),
     ] = None,
+    frame: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=X,Y,Z,...",
+            help="A frame that a program names and has no numbers of, in its language's own, mm and deg: a tool or work object of RAPID's, "
+            "TOOL_DATA[1] or BASE_DATA[1] of KRL's, UT1 or UF1 of Fanuc's; repeatable.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     xacro_arg: XacroArgs = None,
     xacro_limit: XacroLimits = None,
@@ -69,6 +79,7 @@ def correct(
     quiet: Quiet = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal geometry, so that the real tool comes where it was wanted."""
+    from urdfcal.deploy.programs.languages import is_program, read_program
     from urdfcal.deploy.target_csv import near_from, read_targets
     from urdfcal.deploy.targets import corrected
     from urdfcal.output.accounts import account_of
@@ -82,7 +93,9 @@ def correct(
     arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
     real = account_of(stored_calibration(calibration), arm)
     nominal = Way.between(arm, tool or _tool(arm, real.robot), base)
-    file = read_targets(targets, nominal)
+    if frame and not is_program(targets):
+        raise UsageError(f"--frame {frame[0]}: is about robot programs, and {targets} is a table; --base names the base")
+    file = read_program(targets, nominal, frame or ()) if is_program(targets) else read_targets(targets, nominal)
     with Working(f"correcting {len(file.targets)} targets", quiet):
         placements = _placements(nominal, real.robot, compensation, package_dir)
         found = corrected(file, nominal, placements, None if near is None else near_from(near, nominal))
@@ -90,6 +103,7 @@ def correct(
     if not overwrite:
         require_same({place: content})
     deliver({place: content})
+    warn(file.said, quiet)
     warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
     machine = targets_json(found) | {"file": str(place), "made_of": inputs_sha256((robot, targets, calibration, compensation))}
     show(machine if as_json else None, [*target_blocks(found, nominal), "", f"wrote {told([place])[0]}"])

@@ -167,7 +167,7 @@ def _errors(placed: Array3, wanted: Array3) -> Matrix:
     return np.hstack([np.einsum("nij,nj->ni", R, wanted[:, :3, 3] - placed[:, :3, 3]), rotation_vectors(R @ wanted[:, :3, :3])])
 
 
-def solved(way: Way, wanted: Array3, near: Matrix) -> Reached:
+def solved(way: Way, wanted: Array3, near: Matrix, fits: Callable[[Matrix], Mask] | None = None) -> Reached:
     """Positions at which the nominal robot has its tool where it is wanted, each in the configuration of positions near it.
 
     Targets that are not reached from there are tried from others within the limits, and the nearest of those that reach them counts.
@@ -176,17 +176,19 @@ def solved(way: Way, wanted: Array3, near: Matrix) -> Reached:
         way: The joints.
         wanted: Placements, (n, 4, 4), [m].
         near: Positions, (n, k), [rad] or [m].
+        fits: Whether positions (n, k) are in a configuration that was named, (n,); others do not count.
     """
     found = reach(way, way.placements, wanted, near)
     lower, upper = np.maximum(way.limits[0], -np.pi), np.minimum(way.limits[1], np.pi)
     rng = np.random.default_rng(0)
-    for row in np.flatnonzero(~found.whole):
+    for row in np.flatnonzero(~(found.whole & (True if fits is None else fits(found.q)))):
         seeds = rng.uniform(lower, upper, (_SEEDS, len(lower)))
         tries = reach(way, way.placements, np.repeat(wanted[row][None], _SEEDS, axis=0), seeds)
-        if not tries.whole.any():
+        good = tries.whole if fits is None else tries.whole & fits(tries.q)
+        if not good.any():
             continue
         far = np.abs(tries.q - near[row]).max(axis=1)
-        chosen = int(np.argmin(np.where(tries.whole, far, np.inf)))
+        chosen = int(np.argmin(np.where(good, far, np.inf)))
         for name in ("q", "left_mm", "left_deg", "at_limit"):
             getattr(found, name)[row] = getattr(tries, name)[chosen]
         found.moved[row] = found.q[row] - near[row]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.base.errors import InputError
-from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, solved, spoken
 from urdfcal.deploy.orientations import Orientation
 from urdfcal.robot.way import Way
@@ -36,9 +36,11 @@ class Number:
 
     def written(self, text: str, value: float) -> tuple[int, int, str]:
         """Its place, and another value as it is written there: with its decimals, and as many more as a micrometre needs."""
-        old = text[self.start : self.end]
+        old, digits = text[self.start : self.end], _DIGITS.get(self.unit, 9)
+        if abs(value - self.value) < 0.5 * 10.0**-digits * self.unit:
+            return self.start, self.end, old
         decimals = 0 if _EXPONENT.search(old) else len(old.partition(".")[2])
-        new = f"{value / self.unit:.{max(decimals, _DIGITS.get(self.unit, 9))}f}"
+        new = f"{value / self.unit:.{max(decimals, digits)}f}"
         whole, _, part = new.partition(".")
         part = part[:decimals] + part[decimals:].rstrip("0")
         new = f"{whole}.{part}" if part else whole
@@ -56,6 +58,7 @@ class Target:
         T_base_frame: The frame that the placement is told in, as the robot's base sees it, (4, 4).
         T_flange_tcp: The point that it is about, as the tool's link sees it, (4, 4).
         near: Positions in whose configuration it is reached, (k,), if the file says.
+        fits: Whether positions (n, k) are in the configuration that the file names, (n,); None where it names none.
     """
 
     line: int
@@ -64,6 +67,7 @@ class Target:
     T_base_frame: Matrix = field(default_factory=lambda: np.eye(4))
     T_flange_tcp: Matrix = field(default_factory=lambda: np.eye(4))
     near: Vector | None = None
+    fits: Callable[[Matrix], Mask] | None = None
 
     @property
     def values(self) -> Vector:
@@ -93,12 +97,14 @@ class TargetFile:
         text: Its text; line ends as they are.
         encoding: Of its bytes.
         targets: In the file's order.
+        said: What is left as it stands, and why, for warnings.
     """
 
     path: Path
     text: str
     encoding: str
     targets: tuple[Target, ...]
+    said: tuple[str, ...] = ()
 
     def with_numbers(self, values: Sequence[Vector | None]) -> bytes:
         """The file with other numbers at the places of its targets, in SI; None leaves a target as it is."""
@@ -181,6 +187,8 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
             near = target.values
             continue
         near = target.near if target.near is not None else near
+        if near is None and target.fits is not None:
+            near = np.clip(np.zeros(len(way.names)), *way.limits)
         if near is None:
             raise InputError(
                 "nothing says in which configuration this placement is reached, no joint target stands before it; "
@@ -189,7 +197,7 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
                 target.line,
             )
         index = rows.index(row)
-        reached = solved(way, wanted[index][None], near[None])
+        reached = solved(way, wanted[index][None], near[None], target.fits)
         _require_reached(file, target, reached, 0)
         q[index] = near = reached.q[0]
     return q
