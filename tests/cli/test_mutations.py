@@ -103,7 +103,7 @@ def break_pair(count: int, good: Good, folder: Path) -> Counter[bool]:
             load_compensation(folder / "sag.yaml")
             taken[True] += 1
         except UrdfcalError as error:
-            assert "\n" not in str(error), (number, error)
+            assert "\n" not in str(error), (number, error)  # noqa: PT017
             taken[False] += 1
         (folder / name).write_bytes(good.files[name])
     return taken
@@ -129,4 +129,4 @@ def test_many_broken_files_end_in_order(name: str, good: Good, run_cli: Callable
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
     print(f"{name}: exit codes {dict(codes)}, slowest {slowest:.1f} s, peak {peak} MB, complaints {len(wrong)}")
     assert not wrong, "\n".join(wrong)
-    assert codes[2] > 0, codes
+    assert codes[2] > 0 or name.startswith("part."), codes  # shapes are left out where they are broken, and that is said

@@ -79,7 +79,11 @@ COMMANDS = {
         "fit small.urdf m.csv -o out.urdf --overwrite --report out.html --report out.md --report out.json",
         "fit small.urdf one.csv --test m.csv -o out.urdf --overwrite --json",
     ),
-    "pixels.csv": (_PIXELS, "evaluate small.urdf pixels.csv --camera camera.yaml", "measurements small.urdf pixels.csv --camera camera.yaml"),
+    "pixels.csv": (
+        _PIXELS,
+        "evaluate small.urdf pixels.csv --camera camera.yaml",
+        "measurements small.urdf pixels.csv --camera camera.yaml",
+    ),
     "rig.yaml": ("fit small.urdf m.csv -o out.urdf --overwrite --rig rig.yaml", "check small.urdf m.csv --rig rig.yaml"),
     "c.yaml": (
         "apply small.urdf c.yaml -o out.urdf --overwrite",
