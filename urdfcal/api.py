@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -28,11 +28,12 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
 from urdfcal.output.calibration_yaml import calibration_yaml
 from urdfcal.output.formats import Deployed
-from urdfcal.output.stored import StoredCalibration, apply
-from urdfcal.output.stored import read_calibration as load_calibration
+from urdfcal.output.pairs import warn_if_mixed
+from urdfcal.output.stored import StoredCalibration, apply, read_calibration
 from urdfcal.output.text.result import text_report
 from urdfcal.robot.corrections import Applicable
-from urdfcal.robot.robot import Robot, load_robot, with_text
+from urdfcal.robot.robot import Robot, with_text
+from urdfcal.robot.robot import load_robot as read_robot
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
 from urdfcal.sensors.measurements import Measurements, measurements_from
@@ -74,6 +75,7 @@ __all__ = [
 ]
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,6 +158,24 @@ def _calibrating(numeric: Callable[P, FitResult]) -> Callable[P, Calibration]:
 
 
 fit = _calibrating(fitting.fit)
+
+
+def _checked(read: Callable[P, T]) -> Callable[P, T]:
+    """The same call, which warns (MixedFilesWarning) where the file does not belong to what stands beside it."""
+
+    @wraps(read)
+    def checked(*arguments: P.args, **options: P.kwargs) -> T:
+        found = read(*arguments, **options)
+        path = arguments[0] if arguments else options.get("path")
+        if isinstance(path, str | Path):
+            warn_if_mixed(path)
+        return found
+
+    return checked
+
+
+load_robot = _checked(read_robot)
+load_calibration = _checked(read_calibration)
 
 
 class OnlineCalibrator(online.OnlineCalibrator):

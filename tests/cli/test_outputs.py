@@ -14,9 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
+import urdfcal
 from tests.conftest import CliResult
 from tests.support.small_robot import URDF, XACRO
+from urdfcal.base.errors import MixedFilesWarning
 from urdfcal.output.calibration_yaml import sha256
+from urdfcal.output.pairs import mixed
 
 Run = Callable[..., CliResult]
 FIT = ("--no-sag", "--prior", "stated", "--no-sanity", "-q")
@@ -223,6 +226,20 @@ def test_the_record_tells_a_mixed_pair(run_cli: Run, cell: Path) -> None:
     for command in commands:
         assert run_cli(*command).err.count(f"{urdf} and {record}".replace(f"{cell}/", "") + " are a mixed pair") >= 1, command
     assert "mixed" not in run_cli(*commands[0], "-q").err
+    for load, path in ((urdfcal.load_robot, urdf), (urdfcal.load_calibration, record)):
+        with pytest.warns(MixedFilesWarning, match="are a mixed pair"):
+            load(path)
+
+
+def test_a_corrected_camera_belongs_to_its_record(tmp_path: Path) -> None:
+    """The camera that a fit has corrected holds the hash of the record: another one beside it is told, none is no matter."""
+    camera, record = tmp_path / "arm_camera.yaml", tmp_path / "arm_calibration.yaml"
+    camera.write_text(f"calibration_sha256: {sha256(b'record')}\n")
+    assert mixed(camera) == ()
+    record.write_bytes(b"record")
+    assert mixed(camera) == ()
+    record.write_bytes(b"another")
+    assert [line.split(" are a mixed pair")[0] for line in mixed(camera)] == [f"{record} and {camera}"]
 
 
 def test_private_results_stay_private(run_cli: Run, cell: Path) -> None:

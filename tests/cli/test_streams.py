@@ -35,6 +35,8 @@ def in_shell(words: str) -> subprocess.CompletedProcess[str]:
         ("--json > /dev/full", 2, "standard output cannot be written to: No space left on device"),
         (">&-", 2, "standard output is closed"),
         ("| head -1", 0, ""),
+        ("| true", 0, ""),
+        ("--json | true", 0, ""),
         ("-x 2> /dev/full", 2, ""),
         ("-x 2>&-", 2, ""),
         ("<&-", 0, ""),

@@ -85,3 +85,7 @@ def no_such(kind: str, name: str, known: Iterable[str]) -> str:
     """`no link named 'tool_0' among 14 links; did you mean 'tool0'?`."""
     names = list(known)
     return f"no {kind} named '{name}' among {len(names)} {kind}s{did_you_mean(name, names)}"
+
+
+class MixedFilesWarning(UserWarning):
+    """Files that were written together, and no longer belong together."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from urdfcal.base.errors import UsageError
+from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.version import __version__
 from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
@@ -18,7 +18,7 @@ from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
 from urdfcal.model.softness import EXTRAS
 from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.formats import ENDINGS, Deployment, deployment
-from urdfcal.output.pairs import written_with
+from urdfcal.output.pairs import CORRECTED, written_with
 from urdfcal.output.replaced import require_earlier, require_marked
 from urdfcal.output.report.files import report_bytes, require_report_ending
 
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from urdfcal.output.text.result import Extras
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.measurements import Measurements
-
-CORRECTED = "calibration_sha256"  # in a camera's file that a fit has written
 
 
 @dataclass(frozen=True)
@@ -180,6 +178,16 @@ class SagWish:
         asked = self.wanted and (self.extras or self.estimate or self.gravity != Gravity())
         few = calibration.data.pose_count < LEAST_POSES
         return [f"sag is not looked at with fewer than {LEAST_POSES} poses; what was asked about it has no effect"] if asked and few else []
+
+    def require_links(self, robot: Robot) -> None:
+        """Refuse payloads on links that the robot does not have, whether sag will be looked at or not.
+
+        Raises:
+            UsageError: names the nearest.
+        """
+        for link, mass in self.gravity.payloads.items():
+            if link not in robot.tree.links:
+                raise UsageError(f"--payload {mass:g}@{link}: {no_such('link', link, robot.tree.links)}")
 
     def of(self, calibration: Calibration) -> SagFit | None:
         """The joint fit of geometry and sag, if it is wanted, the calibration can be trusted and gravity bends anything."""

@@ -6,12 +6,22 @@ from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
+from urdfcal.cli.streams import drop_stdout
+
 EXPERT = "Expert"  # the group of what few need; groups stand in the order in which their first member does, and this one last
 _WIDTH = 80
 
 
 class OurCommand(TyperCommand):
     """A command whose options stand in groups."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it; whoever reads its output may have seen enough at any time, which is no error."""
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:  # click would end with 1
+            drop_stdout()
+            return 0
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then the options of each group."""

@@ -159,7 +159,9 @@ def _camera(path: Path | None) -> Any:
         return None
     from urdfcal.vision.camera.camera_file import read_camera
 
-    return read_camera(path)
+    found = read_camera(path)
+    warn_if_mixed(path)
+    return found
 
 
 def rig_file_of(path: Path | None, reference_known: bool = False, target_known: bool = False) -> RigFile:

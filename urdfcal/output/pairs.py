@@ -7,15 +7,18 @@ from __future__ import annotations
 
 import hashlib
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from urdfcal.base.errors import CalibrationFileError
+from urdfcal.base.errors import CalibrationFileError, MixedFilesWarning
 from urdfcal.base.files import read_yaml
 from urdfcal.base.opened import unnoted
 from urdfcal.output.formats import stem_of
 
+CORRECTED = "calibration_sha256"  # entry of a camera's file that a fit has written: the hash of its record
+_CAMERA = "_camera.yaml"
 ENTRY = "files"  # of the record: the hash of each file that it was written with, by its way from the record's folder
 
 
@@ -41,6 +44,8 @@ def mixed(path: Path) -> tuple[str, ...]:
     Args:
         path: The URDF or the calibration that was loaded; the other of the two need not be there.
     """
+    if path.name.endswith(_CAMERA):
+        return _mixed_camera(path)
     record = path if path.suffix.lower() in (".yaml", ".yml") else record_beside(path)
     if not record.is_file():
         return ()
@@ -51,6 +56,26 @@ def mixed(path: Path) -> tuple[str, ...]:
             return ()
         about = {place: its for place, its in said.items() if path == record or same_place(place, path)}
         return tuple(_said(place, record) for place, its in about.items() if place.is_file() and not holds(place, its))
+
+
+def _mixed_camera(path: Path) -> tuple[str, ...]:
+    """What to say of a camera that a fit has corrected, where the calibration beside it is another."""
+    record = path.with_name(path.name.removesuffix(_CAMERA) + "_calibration.yaml")
+    if not path.is_file() or not record.is_file():
+        return ()
+    with unnoted():
+        try:
+            content = read_yaml(path, CalibrationFileError).content
+        except CalibrationFileError:  # no camera: that is said elsewhere
+            return ()
+        its = content.get(CORRECTED) if isinstance(content, dict) else None
+        return (_said(record, path),) if isinstance(its, str) and not holds(record, its) else ()
+
+
+def warn_if_mixed(path: str | Path) -> None:
+    """Warn, in Python's way, of a file that does not belong to what stands beside it."""
+    for line in mixed(Path(path)):
+        warnings.warn(line, MixedFilesWarning, stacklevel=3)
 
 
 def same_place(one: Path, other: Path) -> bool:
@@ -66,7 +91,7 @@ def holds(place: Path, sha256: str) -> bool:
 
 def _said(place: Path, record: Path) -> str:
     return (
-        f"{place} and {record} are a mixed pair: this is not the file that the calibration was written with (edited since, or a run was "
+        f"{place} and {record} are a mixed pair: the one is not the file that the other was written with (edited since, or a run was "
         "cut short); fit again, or write it from the calibration with urdfcal apply"
     )
 
