@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from urdfcal.base.errors import did_you_mean, no_such
+from urdfcal.base.errors import did_you_mean, nearest_of, no_such
 from urdfcal.base.tables import Table
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
@@ -174,10 +174,12 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
         *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
     }
     nearest = sorted(known - set(table.names))
+    readings = {f"{name.rpartition('.')[0]}.{ending}" for name in meant for ending in ENDINGS}
     for name in table.names:
         if name not in known:
             where = f"{table.path}:{table.header_line}: column '{name}'"
-            yield f"{where} means nothing here and is not used{did_you_mean(name, nearest)}"
+            hint = nearest_of(name, {*nearest, *readings} - set(table.names)) or did_you_mean(name, nearest)
+            yield f"{where} means nothing here and is not used{hint}"
 
 
 def reading_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[ReadingColumn, ...]:

@@ -39,6 +39,7 @@ def overview_json(found: Overview) -> dict[str, Any]:
                 "units": list(each.units),
                 "unit_stated": each.stated,
                 "seen": each.seen,
+                "in_part": int(each.partly.sum()),
             }
             for each in found.readings
         ],
