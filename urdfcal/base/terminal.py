@@ -8,24 +8,30 @@ import textwrap
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from urdfcal.base.breaking import BreakingText
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
     from rich.table import Table
 
 
-WIDTH = 100
+WIDTH = 80
+_GAPS = ((0, 1), (0, 1, 0, 0), (0, 0))  # between the columns of a table: three blanks; where it is too wide two, or one
+_MOST = 10_000  # columns that any table could want
 _LARGE = 1e9  # numbers from here on have an exponent
 
 
 def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
-    """Rich blocks as plain text; sentences are broken between words at so many columns, if any are named."""
+    """Rich blocks as plain text, tables in 80 columns; where a terminal is named by its columns, sentences are broken between words there.
+
+    Tables take more only if the terminal has more.
+    """
     from rich.console import Console
 
     stream = io.StringIO()
-    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
+    console = Console(file=stream, width=max(columns, WIDTH), color_system=None, highlight=False, markup=False, emoji=False)
     for block in blocks:
         text = "\n".join(_between_words(block, columns)) if isinstance(block, str) and columns else block
         console.print(shown(text) if isinstance(text, str) else text, soft_wrap=isinstance(text, str))
@@ -68,10 +74,20 @@ def figures_table(*labels: str) -> Table:
         """A table whose cells are text and nothing else: no marks of rich, and nothing that steers a terminal."""
 
         def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
-            super().add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
+            super().add_row(*(BreakingText(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
 
         def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
-            super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **how)
+            figures = {"no_wrap": True, "overflow": "fold"} if how.get("justify") == "right" else {}  # names give way to numbers
+            super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **(figures | how))
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+            wide, near, tight = _GAPS
+            for gaps, whole in ((wide, True), (near, True), (near, False), (tight, True)):  # cells whole, or broken between words
+                self.padding = gaps
+                wanted = self.__rich_measure__(console, options.update(max_width=_MOST))
+                if (wanted.maximum if whole else wanted.minimum) <= options.max_width:
+                    break
+            yield from super().__rich_console__(console, options)
 
     table = ShownTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for label in labels:

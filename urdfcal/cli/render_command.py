@@ -48,7 +48,7 @@ def render(
         ),
     ] = None,
     markers: Annotated[Path | None, typer.Option(metavar="YAML", help="screen.yaml: markers on the screen.", show_default=False)] = None,
-    colours: Annotated[str, typer.Option(metavar="RED,RED", help="Each laser's colour: red, green or blue; one word for all.")] = "red",
+    colours: Annotated[str, typer.Option(metavar="red|green|blue,...", help="Each laser's colour; one word for all.")] = "red",
     spot_mm: Annotated[float, typer.Option(help="Diameter of a beam at 1/e^2 in mm.")] = 4.0,
     brightness: Annotated[float, typer.Option(help="Of a spot's peak, of the sensor's full scale; above 1 it clips.")] = 0.9,
     halo: Annotated[float, typer.Option(help="Height of the glow around a spot, of its brightness, 0 to 1.")] = 0.02,

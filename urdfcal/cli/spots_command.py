@@ -47,7 +47,7 @@ def spots(
     ] = None,
     colours: Annotated[
         str | None,
-        typer.Option(metavar="RED,GREEN", help="Each laser's colour: red, green or blue. Default: found out.", show_default=False),
+        typer.Option(metavar="red|green|blue,...", help="Each laser's colour. Default: found out.", show_default=False),
     ] = None,
     order: Annotated[
         str | None,

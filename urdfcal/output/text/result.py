@@ -258,7 +258,6 @@ def _frames(calibration: FitResult) -> list[RenderableType]:
     if not entries:
         return []
     table, turned = figures_table("frame", "on link"), any(entry["rotation_sigma"] is not None for entry in entries)
-    table.padding = (0, 1, 0, 0)  # the default spares no room for long names
     names = ("x\nmm", "y\nmm", "z\nmm", "sigma\nmm", *(("roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\ndeg") if turned else ()))
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
