@@ -33,12 +33,12 @@ def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
     stream = io.StringIO()
     console = Console(file=stream, width=max(columns, WIDTH), color_system=None, highlight=False, markup=False, emoji=False)
     for block in blocks:
-        text = "\n".join(_between_words(block, columns)) if isinstance(block, str) and columns else block
+        text = "\n".join(between_words(block, columns)) if isinstance(block, str) and columns else block
         console.print(shown(text) if isinstance(text, str) else text, soft_wrap=isinstance(text, str))
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
-def _between_words(text: str, columns: int) -> Iterator[str]:
+def between_words(text: str, columns: int) -> Iterator[str]:
     """The lines of a text with none longer than so many columns, further ones indented as the first."""
     for line in text.splitlines():
         indent = " " * (len(line) - len(line.lstrip()))
@@ -77,7 +77,8 @@ def figures_table(*labels: str) -> Table:
             super().add_row(*(BreakingText(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
 
         def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
-            figures = {"no_wrap": True, "overflow": "fold"} if how.get("justify") == "right" else {}  # names give way to numbers
+            numbers = how.get("justify") == "right"  # to which names give way
+            figures: dict[str, Any] = {"no_wrap": True, "overflow": "fold"} if numbers else {}
             super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **(figures | how))
 
         def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:

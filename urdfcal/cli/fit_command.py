@@ -324,6 +324,8 @@ def fit(
     calibration = replace(calibration, beyond=tuple(dict.fromkeys((*calibration.beyond, *asked_for(bent)))))
     calibration = calibration.with_entered(in_compensation(bent))
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
+    with Working("judging whether it can be used", quiet):
+        _ = calibration.verdict
     if not force:
         refused(calibration, pair_words(bent), as_json)  # no folds for what is of no use anyway
     if kfold is not None:

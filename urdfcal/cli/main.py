@@ -17,7 +17,7 @@ from urdfcal.base.errors import FitRejected, UrdfcalError
 from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
-from urdfcal.cli.console import asked_quiet
+from urdfcal.cli.console import asked_quiet, fitting
 from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
 from urdfcal.cli.help import OurCommand, OurGroup
@@ -130,5 +130,5 @@ def _ours(error: Exception) -> str:
 def _told(message: str, code: int) -> int:
     """Say what went wrong, where anybody listens; the exit code."""
     with contextlib.suppress(OSError):  # stderr is full or closed: the exit code has to do
-        print(f"urdfcal: {message}", file=sys.stderr)
+        print(fitting(f"urdfcal: {message}", sys.stderr), file=sys.stderr)
     return code
