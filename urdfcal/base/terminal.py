@@ -83,7 +83,7 @@ def figures_table(*labels: str) -> Table:
 
         def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
             wide, near, tight = _GAPS
-            for gaps, whole in ((wide, True), (near, True), (near, False), (tight, True)):  # cells whole, or broken between words
+            for gaps, whole in ((wide, True), (near, True), (tight, True), (near, False), (tight, False)):  # whole, or broken between words
                 self.padding = gaps
                 wanted = self.__rich_measure__(console, options.update(max_width=_MOST))
                 if (wanted.maximum if whole else wanted.minimum) <= options.max_width:
