@@ -201,6 +201,21 @@ def test_a_robot_without_lasers_is_told_what_its_file_looks_like(case: str, tmp_
     assert message in str(error.value)
 
 
+def test_a_robot_with_a_rig_is_told_of_the_link_that_its_file_names(robot: Robot, tmp_path: Path) -> None:
+    """Who measures a marker on a robot that stands before a screen, too, is told of the marker, and not of lasers."""
+    with pytest.raises(MeasurementError, match="the file looks like points of 'marker', and there is no link named 'marker'"):
+        read(robot, tmp_path, text("turn,lift,slide,marker_x,marker_y,marker_z"))
+
+
+def test_a_calibration_in_the_robots_place_is_told_so(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    """`apply` with its arguments swapped is refused by that name, not as broken XML."""
+    (tmp_path / "c.yaml").write_text("calibration: 1\n")
+    (tmp_path / "small.urdf").write_text(URDF)
+    code, out, err = run_cli("apply", "c.yaml", "small.urdf", "-o", "out.urdf")
+    assert (code, out) == (2, "")
+    assert err == "urdfcal: c.yaml: is YAML where the robot is expected; the robot's URDF or xacro comes first, then other files\n"
+
+
 def test_swapped_arguments_are_told_so(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     """Measurements in the robot's place are refused by that name, not as broken XML."""
     (tmp_path / "m.csv").write_text(text(HEAD))

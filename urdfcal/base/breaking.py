@@ -1,8 +1,9 @@
-"""Where lines are broken in the cells of a table: between words, and a name that is too long behind a dot, an underscore or the like."""
+"""Where lines are broken: sentences between words; in the cells of a table between words, too, and a name that is too long behind a dot, an underscore or the like."""
 
 from __future__ import annotations
 
 import re
+import textwrap
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,13 @@ class BreakingText:
 
         whole, least = (max(map(cell_len, parts), default=0) for parts in (self.text.splitlines(), self.text.split()))
         return Measurement(least, whole)
+
+
+def between_words(text: str, columns: int) -> Iterator[str]:
+    """The lines of a text with none longer than so many columns, further ones indented as the first."""
+    for line in text.splitlines():
+        indent = " " * (len(line) - len(line.lstrip()))
+        yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
 
 
 def broken(text: str, width: int) -> list[str]:

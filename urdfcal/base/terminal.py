@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import io
 import math
-import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from urdfcal.base.breaking import BreakingText
+from urdfcal.base.breaking import BreakingText, between_words
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 
@@ -20,6 +19,8 @@ if TYPE_CHECKING:
 WIDTH = 80
 _GAPS = ((0, 1), (0, 1, 0, 0), (0, 0))  # between the columns of a table: three blanks; where it is too wide two, or one
 _MOST = 10_000  # columns that any table could want
+_SMALL = 1e-7  # and below this
+_FINE, _COARSE = 1e-2, 100.0  # distances below and above are told more finely, and more coarsely
 _LARGE = 1e9  # numbers from here on have an exponent
 
 
@@ -38,17 +39,24 @@ def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
-def between_words(text: str, columns: int) -> Iterator[str]:
-    """The lines of a text with none longer than so many columns, further ones indented as the first."""
-    for line in text.splitlines():
-        indent = " " * (len(line) - len(line.lstrip()))
-        yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
-
-
 def rounded(value: float, digits: int) -> str:
-    """A number to so many digits that count, as people write it: 160, and not 1.6e+02."""
+    """A number to so many digits that count, as people write it: 160, and not 1.6e+02; 0.00001, and not 1e-05."""
     text = f"{value:.{digits}g}"
+    if "e-" in text and abs(value) > _SMALL:
+        return f"{value:.{digits - 1 - math.floor(math.log10(abs(value)))}f}".rstrip("0")
     return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
+
+
+def distance(value: float) -> str:
+    """A distance in mm, or in what it was read in: to a thousandth, and where that were nothing to two digits that count."""
+    if 0 < value < _FINE:
+        return rounded(value, 2)
+    return f"{value:.3f}" if value < _COARSE else f"{value:.1f}"
+
+
+def many(count: int, what: str) -> str:
+    """`1 pose`, `2 poses`."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def value_and_sigma(value: float, sigma: float) -> str:

@@ -42,7 +42,7 @@ def say(wanted: bool, text: str, stream: Any = None) -> None:
 
 def fitting(text: str, stream: Any) -> str:
     """A text as it is told on a stream: on a terminal broken between words, elsewhere as it is."""
-    from urdfcal.base.terminal import between_words
+    from urdfcal.base.breaking import between_words
 
     return "\n".join(between_words(text, shutil.get_terminal_size().columns)) if stream.isatty() else text
 

@@ -81,6 +81,7 @@ def render(
     import numpy as np
 
     from urdfcal.base.tables import read_table
+    from urdfcal.base.terminal import many
     from urdfcal.base.whole_files import folder_whole, require_new_folder
     from urdfcal.output.replaced import require_same
     from urdfcal.sensors.column_names import as_people_write
@@ -152,7 +153,7 @@ def render(
     beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
     finish(
         {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
-        f"wrote {len(names) * frames} simulated pictures with {count} spots, and {beside}, to {output}",
+        f"wrote {many(len(names) * frames, 'simulated picture')} with {many(count, 'spot')}, and {beside}, to {output}",
         quiet,
     )
 

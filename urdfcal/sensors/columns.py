@@ -235,11 +235,11 @@ def without_link(names: Collection[str]) -> tuple[str, str] | None:
 
 def nothing_read(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
     """Where a header means nothing at all, and no laser with a screen that it may be about: what columns of readings look like."""
+    if (fault := _of_no_link(names, robot)) is not None:
+        return fault
     lasers, screen = robot.lasers or lasers_by_name(robot.tree), robot.screen or "screen"
     if lasers and (screen in robot.tree.links or any(name.rpartition(".")[0] in lasers for name in names)):
         return None
-    if (fault := _of_no_link(names, robot)) is not None:
-        return fault
     spots = [name for name in names if name.endswith((".y", ".z"))]
     if spots:
         link = spots[0].rpartition(".")[0]
