@@ -1,4 +1,4 @@
-"""Where lines are broken: sentences between words; in the cells of a table between words, too, and a name that is too long behind a dot, an underscore or the like."""
+"""Where lines are broken: between words, and in tables a name that is too long behind a dot, an underscore or the like."""
 
 from __future__ import annotations
 
