@@ -124,13 +124,14 @@ def missing(shown: list[str], printed: str) -> list[str]:
 
 @pytest.mark.parametrize("block", blocks("console"))
 def test_the_output_shown_is_the_output(block: str, checkout: Path, run_cli: Callable[..., CliResult], printed: Runs) -> None:
-    """What stands under a command is what it prints today."""
+    """What stands under a command is what it prints today, its tables in 80 columns."""
     ran: tuple[str, ...] = ()
     for command, *shown in (part.splitlines() for part in block.split("$ ")[1:]):
         ran = (*ran, command)
         done = again(ran, checkout, run_cli, printed)
         assert (shlex.split(command)[0], done.code) == ("urdfcal", 0), done.err
         assert missing(shown, done.out) == []
+        assert [line for line in done.out.splitlines() if "─" in line and len(line) > 80] == []
 
 
 def again(ran: tuple[str, ...], folder: Path, run_cli: Callable[..., CliResult], printed: Runs) -> CliResult:

@@ -87,7 +87,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
 BAD_CELLS = {
     "word": ("up", ":3: column 'x': 'up' is not a number; expected a number"),
     "empty": ("", ":3: column 'x': the cell is empty; expected a number"),
-    "nan": ("nan", ":3: column 'x': the cell is empty; expected a number"),
+    "nan": ("nan", ":3: column 'x': the cell is 'nan'; expected a number"),
     "overflow": ("1e999", ":3: column 'x': '1e999' is not finite"),
     "far": ("-1e7", ":3: column 'x': '-1e7' is beyond 1e+06; expected a number"),
     "underscore": ("1_0", ":3: column 'x': '1_0' is not a number"),

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
-from urdfcal.base.terminal import as_text, rounded
+from urdfcal.base.terminal import as_text, distance, figures_table, many, rounded
 
 
 @pytest.mark.parametrize(
@@ -22,3 +24,39 @@ def test_sentences_break_between_words() -> None:
     sentence = "  the measurements move with 27 of 28 directions"
     assert as_text([sentence, "", "end"], 30) == "  the measurements move with\n    27 of 28 directions\n\nend\n"
     assert as_text([sentence, "", "end"]) == f"{sentence}\n\nend\n"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0.000"),
+        (0.000162, "0.00016"),
+        (1.62e-5, "0.000016"),
+        (0.0094, "0.0094"),
+        (1.2274, "1.227"),
+        (99.9, "99.900"),
+        (228.61, "228.6"),
+    ],
+)
+def test_distances_of_any_size_are_told(value: float, text: str) -> None:
+    """A thousandth where that says something, two digits that count below, a tenth above; no exponents."""
+    assert distance(value) == text
+
+
+def test_one_is_one() -> None:
+    """What is counted has its s where there are several of it, or none."""
+    assert [many(count, "pose") for count in (0, 1, 2)] == ["0 poses", "1 pose", "2 poses"]
+
+
+def test_long_names_are_broken_where_their_parts_end() -> None:
+    """Numbers keep their digits; names give way behind dots and underscores, sentences between words, and nothing is lost."""
+    name, what = "left_arm_shoulder_pitch_joint_of_the_second_robot.d_alpha", "a sentence that says more than fits beside it"
+    table = figures_table("parameter", "what")
+    table.add_column("value ± sigma", justify="right")
+    table.add_row(name, what, "+10.23456 ± 0.12345")
+    lines = as_text([table]).splitlines()
+    parts = [re.split(r" {2,}", line) for line in lines[2:]]
+    assert max(map(len, lines)) <= 80
+    assert lines[2].endswith("+10.23456 ± 0.12345")
+    assert "".join(row[0] for row in parts) == name
+    assert all(row[0].endswith(("_", ".", "alpha")) for row in parts)

@@ -258,7 +258,12 @@ USAGE = {
     "estimator": (f"{FIT} --estimator ukf", {}, "'ukf' is not one of 'ekf', 'lse'"),
     "schedule": (f"{FIT} --schedule fast", {}, "'fast' is not one of 'iterated', 'paper'"),
     "error model": (f"{FIT} --error-model poe", {}, "'poe' is not one of 'auto', 'dh', 'hayati', 'placement', 'offset'"),
-    "estimate": (f"{FIT} --estimate beam", {}, "cannot estimate 'beam'; there are: beams, beams4, screen"),
+    "compensation of few": (
+        f"{FIT} --compensation c.yaml",
+        {},
+        "--compensation c.yaml: sag is looked at from 20 fitted poses on, and there are 2; nothing was fitted",
+    ),
+    "estimate": (f"{FIT} --estimate beam", {}, "'beam' is not one of 'screen', 'beams', 'beams4'; did you mean 'beams'?"),
     "fix nothing": (f"{FIT} --fix elbow.d_a", {}, "no parameter matches 'elbow.d_a'"),
     "only nothing": (f"{FIT} --only elbow.*", {}, "no parameter matches 'elbow.*'"),
     "fix everything": (f"{FIT} --fix *", {}, "nothing is left to estimate: every parameter is fixed"),

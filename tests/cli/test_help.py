@@ -20,7 +20,10 @@ from urdfcal.base.version import __version__
 from urdfcal.cli import options
 from urdfcal.cli.described import COMMANDS
 from urdfcal.estimation.estimators import ESTIMATORS, SCHEDULES
+from urdfcal.model.options import ADDITIONS
 from urdfcal.model.slots import MODELS
+from urdfcal.model.softness import EXTRAS
+from urdfcal.output.formats import ENDINGS
 
 Run = Callable[..., CliResult]
 
@@ -87,8 +90,15 @@ def test_what_few_need_stands_last(run_cli: Run) -> None:
 
 
 def test_choices_are_those_that_there_are(run_cli: Run) -> None:
-    """Estimators, schedules and error models of the command line are the library's own, and the help lists them."""
-    kinds = {options.EstimatorName: ESTIMATORS, options.Schedule: SCHEDULES, options.ErrorModelName: MODELS}
+    """Estimators, schedules, error models, formats and additions of the command line are the library's own, and the help lists them."""
+    kinds = {
+        options.EstimatorName: ESTIMATORS,
+        options.Schedule: SCHEDULES,
+        options.ErrorModelName: MODELS,
+        options.FormatName: tuple(ENDINGS),
+        options.Addition: ADDITIONS,
+        options.Beside: EXTRAS,
+    }
     out = run_cli("fit", "--help").out
     for kind, names in kinds.items():
         assert tuple(kind) == tuple(names)
@@ -100,7 +110,33 @@ def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(run_cli
     done = run_cli("fit", "a.urdf", "m.csv", "--estimator", "ukf")
     assert (done.code, done.out, len(done.err.splitlines())) == (2, "", 1)
     assert "--estimator" in done.err
-    assert "'ukf' is not one of 'ekf', 'lse', 'robust', 'evolution'" in done.err
+    assert "'ukf' is not one of 'ekf', 'lse', 'robust', 'evolution'; did you mean 'ekf'?" in done.err
+
+
+NOT_UNDERSTOOD = {
+    "fitt a.urdf m.csv": "there is no command 'fitt'; did you mean 'fit'? urdfcal --help lists all",
+    "wiggle": "there is no command 'wiggle'; urdfcal --help lists all",
+    "arm.urdf m.csv": "'arm.urdf' is no command, but looks like a file; the command comes first, as in: urdfcal fit ROBOT MEASUREMENTS",
+    "fit a.urdf m.csv --holdot 0.3": "fit has no option '--holdot'; did you mean '--holdout'? urdfcal fit --help says what it takes",
+    "fit a.urdf": "Missing argument 'MEASUREMENTS'; urdfcal fit --help says what it takes",
+    "dh a.urdf --tip": "Option '--tip' requires an argument; urdfcal dh --help says what it takes",
+    "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
+    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets'; did you mean 'ur'?",
+}
+
+
+@pytest.mark.parametrize("words", NOT_UNDERSTOOD)
+def test_a_line_that_is_not_understood_is_told_where_to_read_on(words: str, run_cli: Run) -> None:
+    """One line names what was found, what comes near, and the help that has the rest."""
+    done = run_cli(*words.split())
+    assert (done.code, done.out, len(done.err.splitlines())) == (2, "", 1)
+    assert NOT_UNDERSTOOD[words] in done.err
+
+
+def test_usage_names_arguments_as_everything_else_does(run_cli: Run) -> None:
+    """No braces: what must be given stands alone, what may be left out in brackets."""
+    assert run_cli("fit", "--help").out.startswith("Usage: urdfcal fit [OPTIONS] ROBOT MEASUREMENTS\n")
+    assert run_cli("view", "--help").out.startswith("Usage: urdfcal view [OPTIONS] ROBOT [MEASUREMENTS]\n")
 
 
 def test_measurements_says_what_is_understood(run_cli: Run) -> None:

@@ -324,7 +324,7 @@ def test_offsets_are_all_of_an_offset_fit(run_cli: Callable[..., CliResult], tmp
 
 REFUSED = {
     "not a UR": (("--format", "ur"), "missing: shoulder_pan_joint"),
-    "unknown": (("--format", "dh"), "no format 'dh'"),
+    "unknown": (("--format", "dh"), "'dh' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets'"),
     "hash without ur": (("--ur-hash-from", "h.yaml"), "--ur-hash-from means something with --format ur alone"),
     "kind of file": (("--format", "offsets", "-o", "x.urdf"), "x.urdf: --format offsets writes YAML"),
     "an input": (("--format", "urdf", "-o", "small.urdf"), "small.urdf: is an input of this command"),

@@ -14,7 +14,8 @@ from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.errors import MeasurementError
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.measurements_csv import read_measurements
+from urdfcal.sensors.measurements_csv import read_measurements, read_named_table
+from urdfcal.sensors.overview import overview, told
 
 Q = np.array([[0.1, -0.2, 0.15], [0.2, 0.1, 0.05], [-0.3, 0.25, 0.1]])
 P = np.array([[1.25, -0.5, 0.75], [1.0, 0.25, 0.5], [0.75, 0.5, -0.25]])
@@ -200,6 +201,21 @@ def test_a_robot_without_lasers_is_told_what_its_file_looks_like(case: str, tmp_
     assert message in str(error.value)
 
 
+def test_a_robot_with_a_rig_is_told_of_the_link_that_its_file_names(robot: Robot, tmp_path: Path) -> None:
+    """Who measures a marker on a robot that stands before a screen, too, is told of the marker, and not of lasers."""
+    with pytest.raises(MeasurementError, match="the file looks like points of 'marker', and there is no link named 'marker'"):
+        read(robot, tmp_path, text("turn,lift,slide,marker_x,marker_y,marker_z"))
+
+
+def test_a_calibration_in_the_robots_place_is_told_so(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
+    """`apply` with its arguments swapped is refused by that name, not as broken XML."""
+    (tmp_path / "c.yaml").write_text("calibration: 1\n")
+    (tmp_path / "small.urdf").write_text(URDF)
+    code, out, err = run_cli("apply", "c.yaml", "small.urdf", "-o", "out.urdf")
+    assert (code, out) == (2, "")
+    assert err == "urdfcal: c.yaml: is YAML where the robot is expected; the robot's URDF or xacro comes first, then other files\n"
+
+
 def test_swapped_arguments_are_told_so(run_cli: Callable[..., tuple[int, str, str]], tmp_path: Path) -> None:
     """Measurements in the robot's place are refused by that name, not as broken XML."""
     (tmp_path / "m.csv").write_text(text(HEAD))
@@ -213,6 +229,19 @@ def test_lasers_without_a_screen_are_no_matter_for_a_file_without_spots(tmp_path
     """A robot that carries a module, but stands before no screen, is told of its file's columns, and not of a screen."""
     with pytest.raises(MeasurementError, match="the file has joints alone; expected for example"):
         read(robot_of(NO_SCREEN), tmp_path, text("turn,lift,slide,a,b,c"))
+
+
+def test_a_reading_in_part_is_told_so(robot: Robot, tmp_path: Path) -> None:
+    """A point that lacks one coordinate counts as one in part, and the line of the first is named; a column that nobody has is none."""
+    (tmp_path / "m.csv").write_text(text(HEAD).replace("1,0.25,0.5", "1,NaN,0.5"))
+    data = read_measurements(tmp_path / "m.csv", robot)
+    found = overview(read_named_table(tmp_path / "m.csv", robot), robot.seen_by(data.instruments, ()), data)
+    assert told(found.readings[0]) == "3 points, 1 in part"
+    assert "1 of 3 points of tool lacks a coordinate, in line 3; what else was read there is used" in set(found.missing())
+    data = read(robot, tmp_path, text("turn,lift,slide,tool.x,tool.y,tool.zz"))
+    found = overview(read_named_table(tmp_path / "m.csv", robot), robot.seen_by(data.instruments, ()), data)
+    assert told(found.readings[0]) == "3 points"
+    assert data.warnings[0].endswith("column 'tool.zz' means nothing here and is not used; did you mean 'tool.z'?")
 
 
 def test_columns_may_stand_in_any_order(robot: Robot, tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def rows(count: int, **cells: str) -> str:
 
 
 BAD = {
-    "empty file": ("", ": the file has no header line; expected the joint names and <laser>.y, <laser>.z"),
+    "empty file": ("", ": the file has no header line; expected the names of the joints (turn, lift, slide) and of what was measured"),
     "comments alone": ("# a\n\n# b\n", ": the file has no header line"),
     "no rows": (f"\n{HEAD}\n# end\n", ":2: there is a header and no row; expected one row a pose"),
     "joint missing": (
@@ -170,13 +170,15 @@ BAD = {
         ":2: column 'lift': '1.234,5' is not a number",
     ),
     "empty joint": (f"{HEAD}\n{row(slide='')}", ":2: column 'slide': the cell is empty; expected the joint's position in m"),
-    "nan joint": (f"{HEAD}\n{ROW}\n{row(turn='NaN')}", ":3: column 'turn': the cell is empty; expected the joint's position"),
+    "nan joint": (f"{HEAD}\n{ROW}\n{row(turn='NaN')}", ":3: column 'turn': the cell is 'NaN'; expected the joint's position"),
     "infinite spot": (
         f"{HEAD}\n{row(laser_1_y='-inf')}",
         ":2: column 'laser_1.y': '-inf' is not finite; leave both cells of a beam empty if it was not seen",
     ),
     "overflow": (f"{HEAD}\n{row(laser_1_y='1e999')}", ":2: column 'laser_1.y': '1e999' is not finite"),
-    "nan in half a spot": (f"{HEAD}\n{row(laser_1_y='nan')}", ":2: column 'laser_1.y': the cell is empty and the beam's other one is not"),
+    "no header": (f"{ROW}\n{ROW}", ":1: there is no header line: the first line has numbers alone"),
+    "a title and no header": (f"Trial 3\n{ROW}\n{ROW}", ":1: there is no header line: above the numbers stands 'Trial 3' alone"),
+    "nan in half a spot": (f"{HEAD}\n{row(laser_1_y='nan')}", ":2: column 'laser_1.y': the cell is 'nan' and the beam's other one is not"),
     "lone y": (f"{HEAD}\n{ROW}\n{row(laser_2_z='')}", ":3: column 'laser_2.z': the cell is empty and the beam's other one is not"),
     "lone z": (f"{HEAD}\n{row(laser_1_y='')}", ":2: column 'laser_1.y': the cell is empty and the beam's other one is not"),
     "nothing seen": (f"{HEAD}\n0,0,0,,,,\n", ":2: column 'laser_1.y': every spot is empty; expected at least one that was seen"),

@@ -72,12 +72,17 @@ class FitRejected(UrdfcalError):
         self.forceable = forceable
 
 
+def nearest_of(name: str, known: Iterable[str]) -> str:
+    """`; did you mean 'tool0'?`, or nothing."""
+    close = get_close_matches(name, sorted(known), n=1, cutoff=0.6)
+    return f"; did you mean '{close[0]}'?" if close else ""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """The way out for a misspelt name: `; did you mean 'tool0'?`, or the known names, or nothing."""
     names = list(known)
-    close = get_close_matches(name, names, n=1, cutoff=0.6)
-    if close:
-        return f"; did you mean '{close[0]}'?"
+    if hint := nearest_of(name, names):
+        return hint
     return f"; there are: {', '.join(names)}" if 0 < len(names) <= 12 else ""
 
 

@@ -79,6 +79,12 @@ class Table:
             name: ["" if _is_nan(cells[place]) else cells[place] for cells in rows] for place, name in zip(places, self.names, strict=True)
         }
 
+    def nothing(self, row: int, name: str) -> str:
+        """What a cell that says nothing looks like: it is empty, or has a NaN."""
+        place = self.names.index(name)
+        cell = self._cells(row)[self.positions[place] if self.positions else place]
+        return f"the cell is '{cell}'" if cell else "the cell is empty"
+
     def title(self, name: str) -> str:
         """A column's name with its unit, as in the header."""
         return f"{name} [{self.units[name]}]" if name in self.units else name
@@ -127,7 +133,8 @@ class Table:
         numbers = np.array([self._number(cell) for cell in cells])
         for row in np.flatnonzero(~(np.isfinite(numbers) & (np.abs(numbers) <= most))):
             if cells[row] or not empty:
-                raise self.fail(int(row), name, f"{_no_number(cells[row], numbers[row], most)}; {way_out}")
+                found = _no_number(cells[row], numbers[row], most) if cells[row] else self.nothing(int(row), name)
+                raise self.fail(int(row), name, f"{found}; {way_out}")
         return factor * numbers
 
     def with_point(self, cell: str) -> str:
@@ -182,6 +189,7 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
         notes.append(f"{path}:{line}: taken for the header; what stands above it is taken for a title")
     separator = separator_of(head, [row for _, row in body])
     titles = words_of(head) if separator == " " else _split(path, line, head, separator)
+    _require_names(path, line, titles, body[0][1] if body else "", header)
     under = _units_under(path, body, separator)
     names, units, positions = _named(path, line, titles, body[bool(under) :], separator, notes)
     if under:
@@ -193,6 +201,27 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
     if not body:
         raise MeasurementError(f"there is a header and no row; expected {rows}", path, line)
     return Table(path, hashlib.sha256(content).hexdigest(), line, names, units, separator, tuple(body), positions, tuple(notes))
+
+
+def _require_names(path: Path, line: int, titles: Sequence[str], row: str, header: str) -> None:
+    """Refuse numbers, or a title above them, in the header's place.
+
+    Raises:
+        MeasurementError: the table begins with its first row.
+    """
+    filled = [title for title in titles if title]
+    below = _split(path, line + 1, row, separator_of(row))
+    if filled and all(map(_like_number, filled)):
+        found = f"the first line has numbers alone ({', '.join(filled[:2])}{' ...' if len(filled) > 2 else ''})"
+    elif len(filled) == 1 and len(below) > 1 and all(map(_like_number, below)):
+        found = f"above the numbers stands '{filled[0]}' alone"
+    else:
+        return
+    raise MeasurementError(f"there is no header line: {found}; expected {header}", path, line)
+
+
+def _like_number(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell.replace(",", "."))) or _is_nan(cell)
 
 
 def _units_under(path: Path, body: Sequence[tuple[int, str]], separator: str) -> list[str | None]:
@@ -326,8 +355,6 @@ def _fault(path: Path, line: int, column: str, message: str) -> MeasurementError
 
 def _no_number(cell: str, number: float, most: float) -> str:
     """What keeps a cell from being taken for a number."""
-    if not cell:
-        return "the cell is empty"
     if math.isfinite(number):
         return f"'{cell}' is beyond {most:g}"
     return f"'{cell}' is not {'finite' if _is_infinite(cell) else 'a number'}"

@@ -4,45 +4,59 @@ from __future__ import annotations
 
 import io
 import math
-import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from urdfcal.base.breaking import BreakingText, between_words
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
     from rich.table import Table
 
 
-WIDTH = 100
+WIDTH = 80
+_GAPS = ((0, 1), (0, 1, 0, 0), (0, 0))  # between the columns of a table: three blanks; where it is too wide two, or one
+_MOST = 10_000  # columns that any table could want
+_SMALL = 1e-7  # and below this
+_FINE, _COARSE = 1e-2, 100.0  # distances below and above are told more finely, and more coarsely
 _LARGE = 1e9  # numbers from here on have an exponent
 
 
 def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
-    """Rich blocks as plain text; sentences are broken between words at so many columns, if any are named."""
+    """Rich blocks as plain text, tables in 80 columns; where a terminal is named by its columns, sentences are broken between words there.
+
+    Tables take more only if the terminal has more.
+    """
     from rich.console import Console
 
     stream = io.StringIO()
-    console = Console(file=stream, width=WIDTH, color_system=None, highlight=False, markup=False, emoji=False)
+    console = Console(file=stream, width=max(columns, WIDTH), color_system=None, highlight=False, markup=False, emoji=False)
     for block in blocks:
-        text = "\n".join(_between_words(block, columns)) if isinstance(block, str) and columns else block
+        text = "\n".join(between_words(block, columns)) if isinstance(block, str) and columns else block
         console.print(shown(text) if isinstance(text, str) else text, soft_wrap=isinstance(text, str))
     return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
 
 
-def _between_words(text: str, columns: int) -> Iterator[str]:
-    """The lines of a text with none longer than so many columns, further ones indented as the first."""
-    for line in text.splitlines():
-        indent = " " * (len(line) - len(line.lstrip()))
-        yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
-
-
 def rounded(value: float, digits: int) -> str:
-    """A number to so many digits that count, as people write it: 160, and not 1.6e+02."""
+    """A number to so many digits that count, as people write it: 160, and not 1.6e+02; 0.00001, and not 1e-05."""
     text = f"{value:.{digits}g}"
+    if "e-" in text and abs(value) > _SMALL:
+        return f"{value:.{digits - 1 - math.floor(math.log10(abs(value)))}f}".rstrip("0")
     return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
+
+
+def distance(value: float) -> str:
+    """A distance in mm, or in what it was read in: to a thousandth, and where that were nothing to two digits that count."""
+    if 0 < value < _FINE:
+        return rounded(value, 2)
+    return f"{value:.3f}" if value < _COARSE else f"{value:.1f}"
+
+
+def many(count: int, what: str) -> str:
+    """`1 pose`, `2 poses`."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def value_and_sigma(value: float, sigma: float) -> str:
@@ -68,10 +82,21 @@ def figures_table(*labels: str) -> Table:
         """A table whose cells are text and nothing else: no marks of rich, and nothing that steers a terminal."""
 
         def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
-            super().add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
+            super().add_row(*(BreakingText(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
 
         def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
-            super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **how)
+            numbers = how.get("justify") == "right"  # to which names give way
+            figures: dict[str, Any] = {"no_wrap": True, "overflow": "fold"} if numbers else {}
+            super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **(figures | how))
+
+        def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+            wide, near, tight = _GAPS
+            for gaps, whole in ((wide, True), (near, True), (tight, True), (near, False), (tight, False)):  # whole, or broken between words
+                self.padding = gaps
+                wanted = self.__rich_measure__(console, options.update(max_width=_MOST))
+                if (wanted.maximum if whole else wanted.minimum) <= options.max_width:
+                    break
+            yield from super().__rich_console__(console, options)
 
     table = ShownTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for label in labels:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.robot.chain import Chain
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.repeats import first_rows
@@ -118,7 +119,8 @@ def nearest(q: Matrix, count: int) -> Rows:
     scaled = q[:, spread > _SAME] / spread[spread > _SAME]
     count = min(count, len(q) - 1)
     rows = []
-    for part in np.array_split(np.arange(len(q)), ceil(len(q) / _AT_ONCE)):
+    parts = ceil(len(q) / _AT_ONCE)
+    for part in each(np.array_split(np.arange(len(q)), parts), "part of the poses", parts):
         far = (scaled[part] ** 2).sum(axis=1)[:, None] + (scaled**2).sum(axis=1) - 2 * scaled[part] @ scaled.T
         far[np.arange(len(part)), part] = np.inf
         rows.append(np.argpartition(far, count - 1, axis=1)[:, :count])

@@ -23,6 +23,7 @@ from urdfcal.cli.options import (
     Verbose,
     XacroArgs,
     XacroLimits,
+    chosen,
 )
 from urdfcal.cli.places import deliver, require_no_json, require_places, stated_place, told
 
@@ -70,7 +71,7 @@ def apply(
     arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
-    plan = planned_formats(output_format or (), output, arm.description.stem, ur_hash_from)
+    plan = planned_formats(chosen(output_format), output, arm.description.stem, ur_hash_from)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
     stored = stored_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)

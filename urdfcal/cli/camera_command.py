@@ -48,7 +48,7 @@ def camera(
             show_default=False,
         ),
     ] = None,
-    distortion: Annotated[str, typer.Option(metavar="MODEL", help="plain (5 numbers), rational (8), or auto: by evidence (BIC).")] = "auto",
+    distortion: Annotated[str, typer.Option(metavar="auto|plain|rational", help="plain: 5 numbers, rational: 8, auto: by BIC.")] = "auto",
     fisheye: Annotated[bool, typer.Option("--fisheye", help="A fisheye lens (Kannala-Brandt, 4 numbers).")] = False,
     lens: Annotated[
         Path | None,
@@ -78,7 +78,7 @@ def camera(
         ),
     ] = None,
     side: Annotated[
-        str, typer.Option(metavar="SIDE", help="Of that board: front, or back where the camera looks through the screen.")
+        str, typer.Option(metavar="front|back", help="Of that board: back where the camera looks through the screen.")
     ] = "front",
     overwrite: Overwrite = False,
     as_json: Json = False,
@@ -131,8 +131,8 @@ def markers(
     paper: Annotated[
         str,
         typer.Option(
-            metavar="PAPER",
-            help="A4, A3, or full: one page as large as the sheet. On A4 and A3 a sheet that does not fit has one marker a page (.pdf).",
+            metavar="A4|A3|full",
+            help="full is one page as large as the sheet. On A4 and A3 a sheet that does not fit has one marker a page (.pdf).",
         ),
     ] = "A4",
     dpi: Annotated[float, typer.Option(min=20, max=2400, help="Of a .png, in dots per inch.")] = 300.0,

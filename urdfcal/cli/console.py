@@ -8,8 +8,11 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from urdfcal.base.progress import listening
+
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
+    from rich.progress import TaskID
 
 
 def show(machine: Mapping[str, Any] | None, blocks: Iterable[RenderableType]) -> None:
@@ -31,9 +34,17 @@ def finish(machine: Mapping[str, Any] | None, text: str, quiet: bool) -> None:
 
 
 def say(wanted: bool, text: str, stream: Any = None) -> None:
-    """One line to stderr, or to `stream`, if it is wanted."""
+    """One line to stderr, or to `stream`, if it is wanted; a terminal has it broken between words."""
+    stream = stream or sys.stderr
     if wanted:
-        print(text, file=stream or sys.stderr)
+        print(fitting(text, stream), file=stream)
+
+
+def fitting(text: str, stream: Any) -> str:
+    """A text as it is told on a stream: on a terminal broken between words, elsewhere as it is."""
+    from urdfcal.base.breaking import between_words
+
+    return "\n".join(between_words(text, shutil.get_terminal_size().columns)) if stream.isatty() else text
 
 
 def asked_quiet() -> bool:
@@ -60,7 +71,10 @@ def _terminal() -> Console:
 
 
 class Working:
-    """What is being done and how long it has taken so far, on stderr, where somebody looks at it."""
+    """What is being done and how long it has taken so far, on stderr, where somebody looks at it.
+
+    What is counted meanwhile (`base.progress`) stands below it: how many of how many, and the time to go where that is known.
+    """
 
     def __init__(self, what: str, quiet: bool) -> None:
         self.what, self.quiet = what, quiet or not sys.stderr.isatty()
@@ -70,14 +84,47 @@ class Working:
             return
         from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-        columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
-        self.bar = Progress(*columns, console=_terminal(), transient=True)
+        columns = SpinnerColumn(), TextColumn("{task.description}"), TextColumn("{task.fields[count]}"), TimeElapsedColumn()
+        self.bar = Progress(*columns, TextColumn("{task.fields[left]}"), console=_terminal(), transient=True, speed_estimate_period=_LONG)
+        self.heard = listening(self)
+        self.tasks: dict[Callable[[], None], TaskID] = {}
         self.bar.start()
-        self.bar.add_task(self.what, total=None)
+        self.bar.add_task(self.what, total=None, count="", left="")
+        self.heard.__enter__()
 
     def __exit__(self, *_: object) -> None:
         if not self.quiet:
+            self.heard.__exit__(None, None, None)
             self.bar.stop()
+
+    def begin(self, what: str, total: int | None) -> Callable[[], None]:
+        """Show a line of something that is counted, below those that it is part of."""
+        task = self.bar.add_task(f"{'  ' * (1 + len(self.tasks))}{what}", total=total, count=_count(0, total), left="")
+        self.bar.advance(task, 0)  # from here the time to go is counted
+
+        def advance() -> None:
+            self.bar.advance(task)
+            own = self.bar._tasks[task]
+            self.bar.update(task, count=_count(int(own.completed), total), left=_left(own.time_remaining if total else None))
+
+        self.tasks[advance] = task
+        return advance
+
+    def end(self, advance: Callable[[], None]) -> None:
+        """Take the line away."""
+        self.bar.remove_task(self.tasks.pop(advance))
+
+
+def _count(done: int, total: int | None) -> str:
+    return f"{done} of {total}" if total else str(done)
+
+
+def _left(seconds: float | None) -> str:
+    """The time to go, as people say it."""
+    if seconds is None:
+        return ""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02} to go"
 
 
 class ProgressBar:

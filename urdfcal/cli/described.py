@@ -37,7 +37,7 @@ COMMANDS = {
     ),
     "correct": Described(
         "Correct targets for a controller that keeps its geometry.",
-        "urdfcal correct robot.urdf targets.csv --calibration robot_calibration.yaml -o corrected.csv",
+        "urdfcal correct robot.urdf targets.csv --calibration cal.yaml -o out.csv",
         RESULTS,
     ),
     "import": Described(

@@ -33,6 +33,7 @@ from urdfcal.cli.inputs import (
 from urdfcal.cli.options import (
     OUTPUT,
     After,
+    Beside,
     CameraOption,
     DataFile,
     Estimate,
@@ -66,6 +67,7 @@ from urdfcal.cli.options import (
     Verbose,
     XacroArgs,
     XacroLimits,
+    chosen,
 )
 from urdfcal.cli.places import deliver, require_no_json, require_places, stated_file, stated_place, told
 
@@ -211,10 +213,9 @@ def fit(
     ] = None,
     payload: Payloads = None,
     also: Annotated[
-        list[str] | None,
+        list[Beside] | None,
         typer.Option(
-            metavar="TERM",
-            help="With sag, try scale (of encoders and slides), eccentricity or approach; repeatable. Default: what stands out.",
+            help="With sag, try scales of encoders and slides, or the others; repeatable. Default: what stands out.",
             show_default=False,
             rich_help_panel=EXPERT,
         ),
@@ -267,12 +268,12 @@ def fit(
     require_no_json(as_json, output)
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
-    outputs = planned(output_format, output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
+    outputs = planned(chosen(output_format), output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     inputs = (robot, measurements, rig, test, ur_hash_from, camera, after)
     require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
-    wish = sag_wish(sag, gravity, payload, also)
+    wish = sag_wish(sag, gravity, payload, chosen(also))
     wish.require_links(unmeasured)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     outputs = replace(outputs, camera=data.corrects_camera)
@@ -283,10 +284,11 @@ def fit(
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
         data = hold_out(data, holdout, rng())
-    require_lasers_for(data, estimate, screen=screen, laser=laser)
+    outputs.require_sag(data)
+    require_lasers_for(data, chosen(estimate), screen=screen, laser=laser)
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, chosen(estimate), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator.value,
         "schedule": schedule.value,
@@ -323,6 +325,8 @@ def fit(
     calibration = replace(calibration, beyond=tuple(dict.fromkeys((*calibration.beyond, *asked_for(bent)))))
     calibration = calibration.with_entered(in_compensation(bent))
     warn((*calibration.warnings, *(bent.warnings if bent else ())), quiet)
+    with Working("judging whether it can be used", quiet):
+        _ = calibration.verdict
     if not force:
         refused(calibration, pair_words(bent), as_json)  # no folds for what is of no use anyway
     if kfold is not None:

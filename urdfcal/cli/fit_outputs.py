@@ -83,6 +83,16 @@ class Outputs:
         if camera is not None:
             require_marked(camera, (CORRECTED,), "camera that an earlier fit has corrected")
 
+    def require_sag(self, data: Measurements) -> None:
+        """Refuse a compensation where too little was measured for any.
+
+        Raises:
+            UsageError: says how many poses there are, and how many it takes.
+        """
+        poses = len(np.unique(data.pose_of[data.sets == "fit"]))
+        if self.compensation is not None and poses < LEAST_POSES:
+            raise UsageError(f"--compensation {self.compensation}: {_few(poses)}; nothing was fitted")
+
     def contents(
         self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
     ) -> tuple[dict[str | Path, bytes], list[str]]:
@@ -96,9 +106,7 @@ class Outputs:
         files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine()) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
-                raise UsageError(
-                    f"--compensation: gravity bends no joint of this robot, or there are fewer than {LEAST_POSES} poses; nothing to write"
-                )
+                raise UsageError(f"--compensation {self.compensation}: {_no_sag(calibration)}; there is nothing to write")
             urdf, text = sag.files(places["compensated_urdf"].name)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
         if "calibration" in places:  # the last of all: it tells whether the others are its own
@@ -106,6 +114,16 @@ class Outputs:
             files |= {places["camera"]: _camera_file(calibration, record)} if self.camera else {}
             files[places["calibration"]] = record
         return files, list(deployed.warnings(self.plan))
+
+
+def _no_sag(calibration: Calibration) -> str:
+    """Why there is no sag to compensate."""
+    poses = calibration.data.pose_count
+    return _few(poses) if poses < LEAST_POSES else "gravity bends no joint of this robot"
+
+
+def _few(poses: int) -> str:
+    return f"sag is looked at from {LEAST_POSES} fitted poses on, and there {'is' if poses == 1 else 'are'} {poses}"
 
 
 def _camera_file(calibration: Calibration, record: bytes) -> bytes:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
 from urdfcal.cli.streams import drop_stdout
+from urdfcal.cli.usage import no_such_command
 
 EXPERT = "Expert"  # the group of what few need; groups stand in the order in which their first member does, and this one last
 _WIDTH = 80
@@ -22,6 +24,10 @@ class OurCommand(TyperCommand):
         except BrokenPipeError:  # click would end with 1
             drop_stdout()
             return 0
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Names of arguments as they are called elsewhere: what must be given in no brackets at all."""
+        return [re.sub(r"[{}]", "", piece) for piece in super().collect_usage_pieces(ctx)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then the options of each group."""
@@ -42,6 +48,16 @@ class OurCommand(TyperCommand):
 
 class OurGroup(TyperGroup):
     """The commands in groups, one line each."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that the first word names.
+
+        Raises:
+            UsageError: there is none.
+        """
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None and not ctx.resilient_parsing:
+            raise no_such_command(args[0], self.list_commands(ctx))
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the commands of each group."""

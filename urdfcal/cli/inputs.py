@@ -27,6 +27,7 @@ _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
+_YAML = (".yaml", ".yml")
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 
 
@@ -103,13 +104,15 @@ def stored_calibration(path: Path) -> StoredCalibration:
 
 
 def _refuse_table(path: Path) -> None:
-    """Refuse measurements in the robot's place.
+    """Refuse measurements, or a calibration, in the robot's place.
 
     Raises:
-        UsageError: the file is called a table, and is no XML.
+        UsageError: the file is called a table, or YAML, and is no XML.
     """
-    if path.suffix.lower() in _TABLES and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        raise UsageError(f"{path}: is a table where the robot is expected; the robot's URDF or xacro comes first, then the measurements")
+    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if path.suffix.lower() in _YAML else ""
+    if what and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        behind = "the measurements" if what == "a table" else "other files"
+        raise UsageError(f"{path}: is {what} where the robot is expected; the robot's URDF or xacro comes first, then {behind}")
 
 
 def measured(

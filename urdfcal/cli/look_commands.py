@@ -51,6 +51,7 @@ from urdfcal.cli.options import (
     Verbose,
     XacroArgs,
     XacroLimits,
+    chosen,
 )
 
 if TYPE_CHECKING:
@@ -154,9 +155,9 @@ def check(
     )
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     say(verbose, about(arm))
-    require_lasers_for(data, estimate, screen=screen, laser=laser)
+    require_lasers_for(data, chosen(estimate), screen=screen, laser=laser)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, estimate or (), fix or (), only or (), priors)
+    options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, chosen(estimate), fix or (), only or (), priors)
     with Working(f"checking {len(data)} rows", quiet):
         result = run_check(
             arm,

@@ -18,7 +18,7 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.camera_command import camera, markers
 from urdfcal.cli.compare_command import compare
-from urdfcal.cli.console import asked_quiet
+from urdfcal.cli.console import asked_quiet, fitting
 from urdfcal.cli.correct_command import correct
 from urdfcal.cli.described import CODES, described
 from urdfcal.cli.fit_command import fit
@@ -31,6 +31,7 @@ from urdfcal.cli.render_command import render
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.streams import about_stdout, drop_stdout, our_streams, require_written, settle, unprinted
+from urdfcal.cli.usage import usage_words
 from urdfcal.cli.view_command import view
 
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
@@ -83,6 +84,7 @@ def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: on a busy machine threads cost far more than they bring
     try:
+        sys.argv[0] = "urdfcal"  # as it is called in what is recorded, also where it ran as a module
         with our_streams() as heard:
             opened.begin()
             code = _run()
@@ -113,7 +115,7 @@ def _run() -> int:
         return 0
     except Exception as error:
         if hasattr(error, "format_message"):  # typer's own usage errors
-            return _told(" ".join(error.format_message().split()), 2)
+            return _told(usage_words(error), 2)
         if isinstance(error, OSError) and about_stdout(error):
             return _told(str(unprinted(error)), 2)
         return _told(_ours(error), 70)
@@ -134,5 +136,5 @@ def _ours(error: Exception) -> str:
 def _told(message: str, code: int) -> int:
     """Say what went wrong, where anybody listens; the exit code."""
     with contextlib.suppress(OSError):  # stderr is full or closed: the exit code has to do
-        print(f"urdfcal: {message}", file=sys.stderr)
+        print(fitting(f"urdfcal: {message}", sys.stderr), file=sys.stderr)
     return code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -46,11 +47,41 @@ class PriorScales(StrEnum):
     STATED = "stated"
 
 
+class FormatName(StrEnum):
+    """The formats, as `output.formats.ENDINGS` has them."""
+
+    URDF = "urdf"
+    ORIGINS_YAML = "origins-yaml"
+    UR = "ur"
+    OFFSETS = "offsets"
+
+
+class Addition(StrEnum):
+    """What can be estimated beside the joints, as `model.options.ADDITIONS` has it."""
+
+    SCREEN = "screen"
+    BEAMS = "beams"
+    BEAMS4 = "beams4"
+
+
+class Beside(StrEnum):
+    """What can be tried beside sag, as `model.softness.EXTRAS` has it."""
+
+    SCALE = "scale"
+    ECCENTRICITY = "eccentricity"
+    APPROACH = "approach"
+
+
 class NoiseShape(StrEnum):
     """How simulated noise is distributed."""
 
     GAUSSIAN = "gaussian"
     UNIFORM = "uniform"
+
+
+def chosen(options: Iterable[StrEnum] | None) -> tuple[str, ...]:
+    """Choices as the words that they are."""
+    return tuple(option.value for option in options or ())
 
 
 RobotFile = Annotated[Path, typer.Argument(metavar="ROBOT", help="URDF or xacro file. A xacro file is code: it runs.", show_default=False)]
@@ -113,9 +144,12 @@ Model = Annotated[
     typer.Option("--error-model", help="Which errors a joint can have. Default: auto.", show_default=False, rich_help_panel=EXPERT),
 ]
 Estimate = Annotated[
-    list[str] | None,
+    list[Addition] | None,
     typer.Option(
-        "--estimate", metavar="WHAT", help="Also estimate: screen, beams or beams4; repeatable.", show_default=False, rich_help_panel=EXPERT
+        "--estimate",
+        help="Also estimate the whole placement of the screen, or two or four numbers a beam; repeatable. Default: neither.",
+        show_default=False,
+        rich_help_panel=EXPERT,
     ),
 ]
 Fix = Annotated[
@@ -156,12 +190,11 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No warnings and no p
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more about what is going on.", rich_help_panel=OUTPUT)]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of the random numbers.", rich_help_panel=EXPERT)]
 Formats = Annotated[
-    list[str] | None,
+    list[FormatName] | None,
     typer.Option(
         "--format",
-        metavar="FORMAT",
-        help="What to write: urdf, origins-yaml (x y z roll pitch yaw of every joint), ur (kinematics file of the UR driver) or "
-        "offsets (joint offsets alone); repeatable, all go beside the first. Default: urdf.",
+        help="What to write: origins-yaml has x y z roll pitch yaw of every joint, ur is the kinematics file of the UR driver, "
+        "offsets has joint offsets alone; repeatable, all go beside the first. Default: urdf.",
         show_default=False,
     ),
 ]

@@ -48,7 +48,7 @@ def render(
         ),
     ] = None,
     markers: Annotated[Path | None, typer.Option(metavar="YAML", help="screen.yaml: markers on the screen.", show_default=False)] = None,
-    colours: Annotated[str, typer.Option(metavar="RED,RED", help="Each laser's colour: red, green or blue; one word for all.")] = "red",
+    colours: Annotated[str, typer.Option(metavar="red|green|blue,...", help="Each laser's colour; one word for all.")] = "red",
     spot_mm: Annotated[float, typer.Option(help="Diameter of a beam at 1/e^2 in mm.")] = 4.0,
     brightness: Annotated[float, typer.Option(help="Of a spot's peak, of the sensor's full scale; above 1 it clips.")] = 0.9,
     halo: Annotated[float, typer.Option(help="Height of the glow around a spot, of its brightness, 0 to 1.")] = 0.02,
@@ -81,6 +81,7 @@ def render(
     import numpy as np
 
     from urdfcal.base.tables import read_table
+    from urdfcal.base.terminal import many
     from urdfcal.base.whole_files import folder_whole, require_new_folder
     from urdfcal.output.replaced import require_same
     from urdfcal.sensors.column_names import as_people_write
@@ -152,7 +153,7 @@ def render(
     beside = "truth.csv" if camera is not None else "truth.csv and camera.yaml"
     finish(
         {"folder": str(output), "pictures": len(names) * frames, "spots": count} if as_json else None,
-        f"wrote {len(names) * frames} simulated pictures with {count} spots, and {beside}, to {output}",
+        f"wrote {many(len(names) * frames, 'simulated picture')} with {many(count, 'spot')}, and {beside}, to {output}",
         quiet,
     )
 

@@ -153,6 +153,7 @@ def simulate(
 
     import numpy as np
 
+    from urdfcal.base.terminal import many
     from urdfcal.calibration.reach import ScreenArea, draw_poses
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
@@ -222,7 +223,7 @@ def simulate(
         {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
         f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {truth_file}"
         if truth_file
-        else f"{len(data)} simulated poses; the truth is not kept",
+        else f"{many(len(data), 'simulated pose')}; the truth is not kept",
         quiet,
     )
 

@@ -47,7 +47,7 @@ def spots(
     ] = None,
     colours: Annotated[
         str | None,
-        typer.Option(metavar="RED,GREEN", help="Each laser's colour: red, green or blue. Default: found out.", show_default=False),
+        typer.Option(metavar="red|green|blue,...", help="Each laser's colour. Default: found out.", show_default=False),
     ] = None,
     order: Annotated[
         str | None,
@@ -85,6 +85,7 @@ def spots(
 ) -> None:
     """Find the laser spots in pictures, to sub-pixel, and write them as measurements."""
     from urdfcal.base.tables import read_table
+    from urdfcal.base.terminal import many
     from urdfcal.base.whole_files import folder_whole
     from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.vision.camera.camera_file import read_camera
@@ -162,13 +163,14 @@ def spots(
     counts = {name: sum(name in seen for seen in found.labelled.spots) for name in names}
     say(
         verbose,
-        f"{len(files)} pictures of {len(groups)} poses; labelled by {'the nominal robot' if predicted is not None else 'colour or order'}",
+        f"{many(len(files), 'picture')} of {many(len(groups), 'pose')}; "
+        f"labelled by {'the nominal robot' if predicted is not None else 'colour or order'}",
     )
     finish(
         {"measurements": str(output), "poses": len(groups), "pictures": len(files), "spots": counts, "warnings": found.warnings}
         if as_json
         else None,
-        f"wrote {output}: {', '.join(f'{name} seen in {count}' for name, count in counts.items())} of {len(groups)} poses",
+        f"wrote {output}: {', '.join(f'{name} seen in {count}' for name, count in counts.items())} of {many(len(groups), 'pose')}",
         quiet,
     )
 

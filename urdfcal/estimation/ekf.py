@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.estimation.noise import Noise, Weights
 from urdfcal.estimation.residual import Linearisation, Linearise
 from urdfcal.estimation.valley import Gradient, Valley
@@ -163,7 +164,7 @@ def iterated_schedule(
     if not linearisation.usable:
         return Estimate(belief, linearisation.trouble, noise, history)
     settled, last, curved, radius, since, guessed = noise.settled(linearisation), 0.0, False, np.inf, 0, False
-    for sweep in range(max_sweeps or MAX_SWEEPS["iterated"]):
+    for sweep in each(range(max_sweeps or MAX_SWEEPS["iterated"]), "sweep"):
         weights = noise.weights(linearisation)
         H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
         rows, short = compress(H, residual + H @ (x - prior.x), scale)
@@ -228,7 +229,8 @@ def paper_schedule(
     linearisation = linearise(prior.x)
     belief, history = prior, [Sweep(prior.x, np.nan, linearisation.rms)]
     Q, unit = q * np.eye(len(prior.x)), Weights.uniform(np.sqrt(r))
-    for _ in range(max_sweeps or MAX_SWEEPS["paper"]):
+    allowed = max_sweeps or MAX_SWEEPS["paper"]
+    for _ in each(range(allowed), "sweep", allowed):
         if not linearisation.usable:
             return Estimate(belief, linearisation.trouble, noise, history)
         predicted = Belief(belief.x, belief.P + Q)

@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.estimation.prior import Prior
@@ -74,7 +75,7 @@ def by_evidence(linearise: Linearise, prior: Prior, noise: Noise, first: Estimat
     """
     starts = START_SCALES | {group: scale for group, scale in SOFT_SCALES.items() if group in prior.groups}
     found, scales, chosen = first, dict(starts), first.noise.released(noise)
-    for _ in range(_ROUNDS):
+    for _ in each(range(_ROUNDS), "choice of prior scales"):
         before = np.array([*scales.values(), *chosen.sigma])
         scales, chosen = _chosen(linearise, prior, chosen, noise.sigma, found.belief.x, scales)
         prior = prior.with_scales(scales)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import Vector
+from urdfcal.base.progress import counted
 from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
@@ -50,9 +51,18 @@ def differential_evolution(
         return float(there.rms) if there.usable else _LOST
 
     bounds = [(-_REACH, _REACH)] * seen.shape[1]
-    found = optimize.differential_evolution(
-        cost, bounds, maxiter=_GENERATIONS, popsize=_POPULATION, x0=np.zeros(seen.shape[1]), rng=rng, polish=False, init="halton"
-    )
+    with counted("generation", _GENERATIONS) as advance:
+        found = optimize.differential_evolution(
+            cost,
+            bounds,
+            maxiter=_GENERATIONS,
+            popsize=_POPULATION,
+            x0=np.zeros(seen.shape[1]),
+            rng=rng,
+            polish=False,
+            init="halton",
+            callback=lambda intermediate_result: advance(),
+        )
     polished = iterated_schedule(linearise, prior, noise, start=state(found.x), tolerance=tolerance, max_sweeps=max_sweeps)
     searched = [
         Sweep(prior.x, np.nan, linearisation.rms),

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.terminal import many
 
 DETERMINED = 0.5  # posterior over prior standard deviation
 HIDDEN = 1e-9  # share of the largest singular value under which a direction moves no spot
@@ -198,7 +199,7 @@ def in_words(terms: Mapping[str, float]) -> str:
     for name, weight in ((name, weight) for name, weight in terms.items() if name in shown):
         size = "" if abs(abs(weight) - 1) < 1e-3 else f"{abs(weight):.3g} "
         text += f" {'-' if weight < 0 else '+'} {size}{name}" if weight else ""
-    return text.removeprefix(" + ").strip() + (f" + {left} smaller terms" if left else "")
+    return text.removeprefix(" + ").strip() + (f" + {many(left, 'smaller term')}" if left else "")
 
 
 def _hidden(names: Sequence[str], null: Matrix, prior_sigma: Vector) -> list[HiddenSum]:

@@ -12,6 +12,7 @@ from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
 from urdfcal.model.slots import MODELS
 
+ADDITIONS = ("screen", "beams", "beams4")  # what can be estimated beside the joints
 _LEAST, _MOST = 1e-12, 1e6  # [m] and [rad]: priors beyond are no statement about a robot
 
 
@@ -57,8 +58,8 @@ class ModelOptions:
             if model not in MODELS:
                 raise UsageError(f"no error model '{model}'; there are: {', '.join(MODELS)}")
         for addition in self.estimate:
-            if addition not in ("beams", "beams4", "screen"):
-                raise UsageError(f"cannot estimate '{addition}'; there are: beams, beams4, screen")
+            if addition not in ADDITIONS:
+                raise UsageError(f"cannot estimate '{addition}'; there are: {', '.join(ADDITIONS)}")
 
 
 def laid_over(

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from urdfcal.base.errors import did_you_mean
+from urdfcal.base.errors import nearest_of
 from urdfcal.base.table_layout import UNITS
 from urdfcal.base.tables import Table
 from urdfcal.robot.robot import Robot
@@ -59,8 +59,7 @@ def free_names(table: Table, robot: Robot) -> tuple[str, ...]:
 
 def misspelt(name: str, table: Table, robot: Robot) -> str:
     """`; did you mean 'joint_3'?`, of the columns that mean nothing as they stand; else the empty string."""
-    hint = did_you_mean(name, free_names(table, robot))
-    return hint if hint.startswith("; did you mean") else ""
+    return nearest_of(name, free_names(table, robot))
 
 
 @dataclass(frozen=True)

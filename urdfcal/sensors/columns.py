@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from urdfcal.base.errors import did_you_mean, no_such
+from urdfcal.base.errors import did_you_mean, nearest_of, no_such
 from urdfcal.base.tables import Table
 from urdfcal.robot.rig import Grid, lasers_by_name
 from urdfcal.robot.robot import Robot
@@ -174,10 +174,12 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
         *(joint.name for joint in robot.tree.joints.values() if not joint.rigid),
     }
     nearest = sorted(known - set(table.names))
+    readings = {f"{name.rpartition('.')[0]}.{ending}" for name in meant for ending in ENDINGS}
     for name in table.names:
         if name not in known:
             where = f"{table.path}:{table.header_line}: column '{name}'"
-            yield f"{where} means nothing here and is not used{did_you_mean(name, nearest)}"
+            hint = nearest_of(name, {*nearest, *readings} - set(table.names)) or did_you_mean(name, nearest)
+            yield f"{where} means nothing here and is not used{hint}"
 
 
 def reading_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[ReadingColumn, ...]:
@@ -233,11 +235,11 @@ def without_link(names: Collection[str]) -> tuple[str, str] | None:
 
 def nothing_read(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
     """Where a header means nothing at all, and no laser with a screen that it may be about: what columns of readings look like."""
+    if (fault := _of_no_link(names, robot)) is not None:
+        return fault
     lasers, screen = robot.lasers or lasers_by_name(robot.tree), robot.screen or "screen"
     if lasers and (screen in robot.tree.links or any(name.rpartition(".")[0] in lasers for name in names)):
         return None
-    if (fault := _of_no_link(names, robot)) is not None:
-        return fault
     spots = [name for name in names if name.endswith((".y", ".z"))]
     if spots:
         link = spots[0].rpartition(".")[0]

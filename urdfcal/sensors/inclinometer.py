@@ -91,7 +91,7 @@ class InclinometerSensor(Sensor):
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""
-        require_pair(columns, "the cell is empty and its other one is not; leave both empty if it was not read")
+        require_pair(columns, "and its other one is not; leave both empty if it was not read")
         return super().kept(columns)
 
     def mistakes(self) -> Mapping[str, Change]:

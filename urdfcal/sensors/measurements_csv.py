@@ -25,6 +25,7 @@ from urdfcal.sensors.sensor import QUANTITIES, CellFault, Quantity, Sensor
 
 _LEAST_SIGMA = 1e-12  # [m] or [px]: a spot known better than that is a mistake, and its weight overflows
 _A_SIGMA = "expected a standard deviation, or nothing"
+_SOME = 3  # joints that are named as examples
 _WHOLE_TURN = 2 * np.pi + 1e-6  # [rad] farther from zero no angle is written, but in degrees
 
 Column = tuple[str, Sequence[str | float]]  # its name and its cells
@@ -86,8 +87,15 @@ def read_named_table(path: str | Path, robot: Robot, target: str | None = None) 
     Raises:
         MeasurementError: it cannot be read as a table, or a column may mean two things.
     """
-    table = read_table(path, "the joint names and <laser>.y, <laser>.z", "one row a pose")
+    table = read_table(path, _header_of(robot), "one row a pose")
     return as_people_write(with_our_names(table, target or ""), robot, target or "")
+
+
+def _header_of(robot: Robot) -> str:
+    """What the header of its measurements must hold."""
+    joints = [joint.name for joint in robot.tree.joints.values() if joint.moves]
+    more = ", ..." if len(joints) > _SOME else ""
+    return f"the names of the joints ({', '.join(joints[:_SOME])}{more}) and of what was measured (<link>.x, <link>.y, <laser>.z, ...)"
 
 
 def _all_readings(table: Table, columns: Columns) -> tuple[Readings, ...]:
@@ -136,7 +144,9 @@ def _values(table: Table, how: Sensor, group: Group) -> Matrix:
     try:
         return how.kept(numbers)
     except CellFault as fault:
-        raise table.fail(fault.row, group[fault.ending].name, fault.message) from None
+        name = group[fault.ending].name
+        found = f"{table.nothing(fault.row, name)} " if fault.lone else ""
+        raise table.fail(fault.row, name, f"{found}{fault.message}") from None
 
 
 def _numbers(table: Table, name: str, quantity: Quantity, empty: str) -> Vector:

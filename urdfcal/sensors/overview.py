@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from urdfcal.base.geometry import Mask
 from urdfcal.base.tables import Table
 from urdfcal.robot.configurations import has_room
 from urdfcal.robot.robot import Robot
@@ -67,6 +68,12 @@ class ReadingCount:
         """In how many rows it was read."""
         return int(self.readings.seen.sum())
 
+    @property
+    def partly(self) -> Mask:
+        """In which rows some of its numbers are missing that others have, (n,)."""
+        measured = self.readings.measured
+        return np.asarray(self.readings.seen & ~measured[:, measured.any(axis=0)].all(axis=1))
+
 
 @dataclass(frozen=True)
 class Overview:
@@ -94,12 +101,22 @@ class Overview:
         """Rows in which nothing was read."""
         return int(np.count_nonzero(~self.data.observed))
 
+    def _in_part(self, each: ReadingCount) -> str:
+        """`2 of 40 points of tool0 lack a coordinate, the first in line 7`."""
+        partly, line = each.partly, self.data.lines
+        first = "" if line is None else f", {'the first ' if partly.sum() > 1 else ''}in line {line[int(np.argmax(partly))]}"
+        verb = "lack" if partly.sum() > 1 else "lacks"
+        points = f"{each.seen} {noun(each.readings.noise, each.seen)}"
+        return f"{partly.sum()} of {points} of {each.readings.target} {verb} a coordinate{first}"
+
     def missing(self) -> Iterator[str]:
         """What the file lacks for a good calibration, one line each."""
         for each in self.readings:
             lacking = [ending for ending in each.readings.kind.endings if f"{each.readings.target}.{ending}" not in each.columns]
             if each.readings.sensor == "point" and lacking:
                 yield f"{each.readings.target} has no {', '.join(f'.{ending}' for ending in lacking)}: those coordinates are not used"
+            if each.partly.any():
+                yield f"{self._in_part(each)}; what else was read there is used"
         still = [joint.name for joint in self.joints if joint.share is not None and joint.share < _LITTLE]
         if still:
             yield f"{', '.join(still)} moved through less than {_LITTLE:.0%} of the limits: errors there show little"
@@ -142,5 +159,6 @@ def _default(quantity: Quantity) -> str:
 
 
 def told(each: ReadingCount) -> str:
-    """`40 points`."""
-    return f"{each.seen} {noun(each.readings.noise, each.seen)}"
+    """`40 points`, `40 points, 2 in part`."""
+    part = int(each.partly.sum())
+    return f"{each.seen} {noun(each.readings.noise, each.seen)}{f', {part} in part' if part else ''}"

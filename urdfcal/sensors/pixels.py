@@ -95,5 +95,5 @@ class PixelSensor(Sensor):
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""
-        require_pair(columns, "the cell is empty and its other one is not; leave both empty if it was not seen")
+        require_pair(columns, "and its other one is not; leave both empty if it was not seen")
         return super().kept(columns)

@@ -106,11 +106,14 @@ class PlaceFault(Exception):
 
 
 class CellFault(Exception):
-    """Cells that mean nothing together: in which row, of which ending, and what was found and expected."""
+    """Cells that mean nothing together: in which row, of which ending, and what was found and expected.
 
-    def __init__(self, row: int, ending: str, message: str) -> None:
+    Of a cell without a number, beside others that have one (`lone`), the message goes on where it was said what is in it.
+    """
+
+    def __init__(self, row: int, ending: str, message: str, lone: bool = False) -> None:
         super().__init__(message)
-        self.row, self.ending, self.message = row, ending, message
+        self.row, self.ending, self.message, self.lone = row, ending, message, lone
 
 
 @dataclass(frozen=True)
@@ -397,7 +400,7 @@ def require_pair(columns: Mapping[str, Vector], message: str) -> None:
     lone = np.isnan(first) != np.isnan(second)
     if lone.any():
         row = int(np.argmax(lone))
-        raise CellFault(row, one if np.isnan(first[row]) else other, message)
+        raise CellFault(row, one if np.isnan(first[row]) else other, message, lone=True)
 
 
 def wrong_lengths(what: str) -> dict[str, Change]:

@@ -221,7 +221,7 @@ class SpotSensor(Sensor):
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""
-        require_pair(columns, f"the cell is empty and the beam's other one is not; {self.empty}")
+        require_pair(columns, f"and the beam's other one is not; {self.empty}")
         return super().kept(columns)
 
     def mistakes(self) -> Mapping[str, Change]:

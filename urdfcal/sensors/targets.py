@@ -172,8 +172,8 @@ class OrientationSensor(Sensor):
         partly = np.isnan(table).any(axis=1) & ~np.isnan(table).all(axis=1)
         if partly.any():
             row = int(np.argmax(partly))
-            message = "the cell is empty and others of this orientation are not; leave all of them empty, or none"
-            raise CellFault(row, words[int(np.argmax(np.isnan(table[row])))], message)
+            message = "and others of this orientation are not; leave all of them empty, or none"
+            raise CellFault(row, words[int(np.argmax(np.isnan(table[row])))], message, lone=True)
         if words == ROLL_PITCH_YAW:
             return quaternions_of(table)
         length = np.linalg.norm(table, axis=1)

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Vector
+from urdfcal.base.progress import each
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
@@ -256,7 +257,7 @@ class _Setup:
             return None
         noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
         sums = np.zeros((2, 3))
-        for held in np.array_split(rng.permutation(len(poses)), folds):
+        for held in each(np.array_split(rng.permutation(len(poses)), folds), "part of the poses left out", folds):
             rows = held if len(poses) == len(where) else np.flatnonzero(np.isin(where, held))
             sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
         geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
@@ -269,7 +270,7 @@ class _Setup:
         """
         root = self.calibration.robot.tree.root
         others: dict[str, _Fitted] = {}
-        for axis, direction in _AXES.items():
+        for axis, direction in each(_AXES.items(), "direction of gravity", len(_AXES)):
             other = replace(gravity, direction=direction)
             if abs(np.dot(direction, gravity.direction)) < 0.9 and (terms := self.gravity_terms(other)):
                 others[axis] = self.fit(terms, other, whole)

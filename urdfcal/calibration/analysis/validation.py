@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.base.terminal import rounded
 from urdfcal.calibration.error_table import SpotTable, error_table, main_unit, rms_of
 from urdfcal.calibration.extra_noise import widened
@@ -97,7 +98,7 @@ def kfold(robot: Robot, data: Measurements, folds: int, rng: np.random.Generator
     data = fit_and_test(data)[0]
     before, after = _Gathered(len(data)), _Gathered(len(data))
     rms, rejected = [], []
-    for number, held in enumerate(_folds(data, folds, rng), start=1):
+    for number, held in enumerate(each(_folds(data, folds, rng), "fold", folds), start=1):
         kept, out = data.subset(np.setdiff1d(np.arange(len(data)), held)), data.subset(held)
         found = fit(robot, kept, **fit_arguments)
         out = widened(out, found.extra_noise)

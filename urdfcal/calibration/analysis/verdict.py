@@ -16,7 +16,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import rounded
+from urdfcal.base.terminal import many, rounded
 from urdfcal.calibration.analysis.clusters import usual_tables
 from urdfcal.calibration.analysis.concerns import objections, reservations
 from urdfcal.calibration.analysis.full_posterior import FullPosterior, full_posterior
@@ -174,7 +174,8 @@ def _few_numbers(judged: Judged) -> Iterator[Finding]:
     data, errors = judged.found.data, judged.found.errors
     read = data.numbers + len(data.lengths) + len(errors.known_rows)
     if read < len(errors.names):
-        yield Finding("no", f"{read} numbers were read at {data.counted}, fewer than the {len(errors.names)} unknowns", more=True)
+        found = f"{many(read, 'number')} {'was' if read == 1 else 'were'} read at {data.counted}"
+        yield Finding("no", f"{found}, fewer than the {many(len(errors.names), 'unknown')}", more=True)
 
 
 def _stated_noise(judged: Judged) -> Iterator[Finding]:

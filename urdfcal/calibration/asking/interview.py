@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix, Vector
+from urdfcal.base.progress import counted
 from urdfcal.calibration.asking.arm import arm_columns
 from urdfcal.calibration.asking.gears import CYCLES, Gears
 from urdfcal.calibration.asking.ground import Ground
@@ -45,12 +46,14 @@ class Interview:
 
     def _answers(self, least: float) -> list[Answer]:
         fitted, found = self.ground.fitted, list[Answer]()
-        while len(found) < _MOST and fitted.tells:
-            best = max(self._asked(fitted, found), key=lambda answer: answer.gain)
-            if best.gain < least:
-                break
-            fitted = best.within(fitted)
-            found.append(best)
+        with counted("question to the residuals", _MOST) as advance:
+            while len(found) < _MOST and fitted.tells:
+                best = max(self._asked(fitted, found), key=lambda answer: answer.gain)
+                if best.gain < least:
+                    break
+                fitted = best.within(fitted)
+                found.append(best)
+                advance()
         return found
 
     def beside(self, answers: Sequence[Answer]) -> Fitted:

@@ -14,6 +14,7 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import SE3, Mask, Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.start.hypotheses import BETTER, Bounds, Hypothesis, MistakeFit, mistakes_in, named_mistake
 from urdfcal.calibration.start.mistakes import UNTOUCHED, Mistake
@@ -67,7 +68,8 @@ def best_reading_hypothesis(
     if data.numbers - len(errors.names) < LEAST_FREEDOM:  # too few to tell one mistake from another
         return None
     stands = _undone(errors, data, noise, UNTOUCHED)
-    trials = [_undone(errors, data, noise, mistake) for mistake in mistakes_in(errors, data, beams=False, links=links)]
+    mistakes = list(mistakes_in(errors, data, beams=False, links=links))
+    trials = [_undone(errors, data, noise, mistake) for mistake in each(mistakes, "common mistake", len(mistakes))]
     return named_mistake(trials, stands, _BOUNDS) or _named_by_some(trials, stands)
 
 

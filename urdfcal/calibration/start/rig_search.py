@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
+from urdfcal.base.progress import each
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_fit
 from urdfcal.estimation.noise import Noise
@@ -186,7 +187,8 @@ def _roughly_placed(model: Problem, groups: Sequence[_Group], noise: Noise, limi
     if found.scale < limit or not groups:
         return found
     rig = replace(wanted, only=np.concatenate([group.columns for group in groups]).astype(int))
-    fits = [aim_fit(model, rig, x, _TILTED_ITERATIONS) for angle in (_TILT, -_TILT) for x in tilted(errors, angle)]
+    starts = [x for angle in (_TILT, -_TILT) for x in tilted(errors, angle)]
+    fits = [aim_fit(model, rig, x, _TILTED_ITERATIONS) for x in each(starts, "tilted start", len(starts))]
     best = min(fits, key=lambda fit: fit.scale, default=found)
     return min(found, aim_fit(model, wanted, best.x), key=lambda fit: fit.scale)
 

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from urdfcal.base.progress import each
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.aim import AimFit, Wanted, aim_cost, aim_fit
 from urdfcal.calibration.start.hypotheses import ALIKE, Bounds, Hypothesis, MistakeFit, mistakes_in, named_mistake
@@ -36,7 +37,8 @@ def best_spot_hypothesis(model: Problem, noise: Noise) -> Hypothesis | None:
         as_it_is = stands.judged()
         if as_it_is.scale < most and as_it_is.credible:
             return None
-        trials = [_undone(mistake, model.with_data(mistake.change(model.data)), wanted) for mistake in mistakes]
+        asked = each(mistakes, "common mistake", len(mistakes))
+        trials = [_undone(mistake, model.with_data(mistake.change(model.data)), wanted) for mistake in asked]
         named = named_mistake(trials, stands, Bounds(wanted.least, most))
         if named is not None:
             turned = _turned_rig(model, wanted, named.scale)

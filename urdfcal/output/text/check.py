@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from urdfcal.base.terminal import displayed, figures_table, rounded, titled
+from urdfcal.base.terminal import displayed, figures_table, many, rounded, titled
 from urdfcal.calibration.analysis.check import Check
 from urdfcal.estimation.identifiability import HiddenSum, in_words
 from urdfcal.model.parameters import INSTRUMENTS
@@ -72,7 +72,8 @@ def _verdict(check: Check) -> str:
     what = "spots" if check.data.only_spots else "measurements"
     return (
         f"{check.robot.name}: {parameters_in_words(check.errors)}, {check.data.counted} with {check.data.summary}\n"
-        f"the {what} move with {seen} of {count} directions; with {assumed_noise(check.data, check.noise)} a fit would determine {decided}"
+        f"the {what} move with {seen} of {many(count, 'direction')}; "
+        f"with {assumed_noise(check.data, check.noise)} a fit would determine {decided}"
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, exponentials, product, xyz_rpy
+from urdfcal.base.terminal import many
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
@@ -81,10 +82,10 @@ def parameters_in_words(errors: ErrorModel) -> str:
     of_camera = sum(parameter.kind == "camera" for parameter in errors.parameters)
     own = len(errors.parameters) - of_places - of_frames - of_camera
     if own == len(errors.parameters):
-        return f"{own} parameters"
+        return many(own, "parameter")
     further = [(of_frames, "frames and targets" if any(slot.kind == "reference" for slot in errors.slots) else "targets")]
     further += [(of_places, "places"), (of_camera, "the camera")]
-    return ", ".join([f"{own} parameters of the robot", *(f"{count} of {what}" for count, what in further if count)])
+    return ", ".join([f"{many(own, 'parameter')} of the robot", *(f"{count} of {what}" for count, what in further if count)])
 
 
 def rig_in_words(robot: Robot) -> str:

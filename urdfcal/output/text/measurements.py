@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import figures_table, titled
+from urdfcal.base.terminal import figures_table, many, titled
 from urdfcal.sensors.overview import JointRange, Overview, ReadingCount, told
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def overview_json(found: Overview) -> dict[str, Any]:
                 "units": list(each.units),
                 "unit_stated": each.stated,
                 "seen": each.seen,
+                "in_part": int(each.partly.sum()),
             }
             for each in found.readings
         ],
@@ -104,19 +105,15 @@ def _unit(unit: str, stated: bool) -> str:
 
 def _pose_lines(found: Overview) -> list[str]:
     data, test = found.data, int(np.count_nonzero(found.data.sets == "test"))
-    rows = f"{_many(len(data), 'row')}, {_many(data.pose_count, 'different pose')}"
-    rows += f"; {_many(found.copies, 'row')} of them copied from others" if found.copies else ""
-    rows += f"; nothing was read in {_many(found.unread, 'row')}" if found.unread else ""
-    lines = [rows, f"{_many(len(data) - test, 'row')} to fit, {test} to test"]
+    rows = f"{many(len(data), 'row')}, {many(data.pose_count, 'different pose')}"
+    rows += f"; {many(found.copies, 'row')} of them copied from others" if found.copies else ""
+    rows += f"; nothing was read in {many(found.unread, 'row')}" if found.unread else ""
+    lines = [rows, f"{many(len(data) - test, 'row')} to fit, {test} to test"]
     if (data.sessions != "").any():
-        lines.append(f"{_many(len(data.session_names), 'session')}: {', '.join(name or '(no name)' for name in data.session_names)}")
+        lines.append(f"{many(len(data.session_names), 'session')}: {', '.join(name or '(no name)' for name in data.session_names)}")
     if data.payload is not None:
         lines.append(f"payload from {data.payload.min():g} to {data.payload.max():g} kg")
     return lines
-
-
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _figure(number: float) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import as_text, displayed, figures_table, rounded, titled, value_and_sigma
+from urdfcal.base.terminal import as_text, displayed, distance, figures_table, many, rounded, titled, value_and_sigma
 from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import verdict_of
 from urdfcal.calibration.error_table import main_unit, rms_of
@@ -136,7 +136,7 @@ def spot_table_block(tables: Iterable[tuple[str, SpotTable, SpotTable | None]], 
             figures = [row.mean, row.std, row.max]
             figures += [after[laser].mean, after[laser].std, after[laser].max] if after is not None else []
             unit = "" if row.unit == MAIN_UNIT else f" in {row.unit}"
-            table.add_row(label, f"{laser}{unit}", str(row.n), *(_mm(figure) for figure in figures))
+            table.add_row(label, f"{laser}{unit}", str(row.n), *map(distance, figures))
     units = dict.fromkeys(row.unit for _, before, _ in rows for row in before.values())
     return titled(f"Distance from measured to predicted{' spot' if spots else ''}, in {' and '.join(units) or 'mm'}", table)
 
@@ -243,11 +243,12 @@ def _headline(calibration: FitResult) -> str:
     data = calibration.data
     sweeps = len(calibration.estimate.history) - 1
     verdict = "converged" if calibration.converged else f"NOT CONVERGED: {calibration.stop_reason}"
+    directions = many(calibration.identifiability.rank, "direction")
     chosen = calibration.evidence
     scales = "" if chosen is None else "\n" + _scales(chosen)
     return (
         f"{calibration.robot.name}: {parameters_in_words(calibration.errors)} from {data.counted} with {data.summary}\n"
-        f"{calibration.estimator}: {verdict} after {sweeps} sweeps; the data determine {calibration.identifiability.rank} directions\n"
+        f"{calibration.estimator}: {verdict} after {many(sweeps, 'sweep')}; the data determine {directions}\n"
         f"{noise_in_words(calibration)}, chi-square {calibration.chi_squared:.2f} per degree of freedom{scales}"
     )
 
@@ -258,7 +259,6 @@ def _frames(calibration: FitResult) -> list[RenderableType]:
     if not entries:
         return []
     table, turned = figures_table("frame", "on link"), any(entry["rotation_sigma"] is not None for entry in entries)
-    table.padding = (0, 1, 0, 0)  # the default spares no room for long names
     names = ("x\nmm", "y\nmm", "z\nmm", "sigma\nmm", *(("roll\ndeg", "pitch\ndeg", "yaw\ndeg", "sigma\ndeg") if turned else ()))
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
@@ -326,10 +326,6 @@ def _dh_cells(row: DhRow, tilts: bool, slides: bool) -> list[str]:
 def _fixed(value: float) -> str:
     text = f"{value:.4f}"
     return "0.0000" if text == "-0.0000" else text
-
-
-def _mm(value: float) -> str:
-    return f"{value:.3f}" if value < 100 else f"{value:.1f}"
 
 
 def _display_of(units: set[str]) -> tuple[str, float]:

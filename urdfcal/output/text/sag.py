@@ -78,13 +78,22 @@ def sag_words(sag: SagFit) -> str:
     direction = ", ".join(f"{part:.3g}" for part in sag.gravity.direction)
     head = f"gravity along ({direction}) of '{sag.calibration.robot.tree.root}', {kind}"
     if sag.held_out is None:
-        return f"{head}: log evidence {sag.gain:+.0f}"
+        return f"{head}: {_gain(sag)}"
     left, what = sag.held_out, " and ".join(("sag", *sag.kept))
     trimmed = ", outliers left out" if any(outlier.kind != "exchanged" for outlier in sag.calibration.outliers) else ""
     return (
         f"{head}: held-out poses ({left.folds}-fold{trimmed}) {rounded(left.geometry, 3)} {left.unit} RMS with geometry alone, "
-        f"{rounded(left.sag, 3)} {left.unit} with {what} ({round(100 * (left.ratio - 1)):+d} %); log evidence {sag.gain:+.0f}"
+        f"{rounded(left.sag, 3)} {left.unit} with {what} ({_percent(left.ratio - 1)}); {_gain(sag)}"
     )
+
+
+def _gain(sag: SagFit) -> str:
+    """By how much the data prefer both together; what the residuals of geometry alone ask for (`stands_out`) is another number."""
+    return f"fitted with the geometry it gains {round(sag.gain):+d} nats of log evidence"
+
+
+def _percent(share: float) -> str:
+    return f"{percent:+d} %" if (percent := round(100 * share)) else "no change"
 
 
 def asked_for(sag: SagFit | None) -> tuple[str, ...]:

@@ -60,9 +60,9 @@ def rough_mm(value: float) -> str:
 
 def _table(verdict: Verdict) -> RenderableType:
     table = figures_table("")
-    for phase in ("calibrated", "nominal"):
+    for phase in ("before", "after"):  # as in the table of distances
         for figure in FIGURES:
             table.add_column(f"{figure}\n{phase}", justify="right")
-    for row in accuracy_rows(verdict):
-        table.add_row(*row)
+    for name, *figures in accuracy_rows(verdict):
+        table.add_row(name, *figures[len(FIGURES) :], *figures[: len(FIGURES)])
     return titled(PREDICTED, table)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from urdfcal.base.geometry import MM, xyz_rpy
-from urdfcal.base.terminal import figures_table, titled, value_and_sigma
+from urdfcal.base.terminal import figures_table, many, titled, value_and_sigma
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.lenses import intrinsic_names
 from urdfcal.vision.camera.lens import OUTLIER, LensFit
@@ -47,7 +47,7 @@ def lens_warnings(fit: LensFit) -> list[str]:
             "for it; is the board flat, and stiff?"
         )
     if len(fit.views) < FEW_VIEWS:
-        warnings.append(f"only {len(fit.views)} views; 10 to 20 give a lens that can be relied upon")
+        warnings.append(f"only {many(len(fit.views), 'view')}; 10 to 20 give a lens that can be relied upon")
     if hull < LEAST_COVERED:
         warnings.append(
             f"the corners cover {hull:.0%} of the picture; outside of them the lens is a guess: hold the board into the corners"
@@ -82,7 +82,7 @@ def lens_blocks(fit: LensFit) -> list[RenderableType]:
     used, left = len(fit.views), len(fit.dropped)
     tried = ", ".join(f"{lens} {bic:.1f}" for lens, bic in fit.bic.items())
     return [
-        f"{fit.camera.lens} lens from {used} views{f' ({left} left out)' if left else ''}, "
+        f"{fit.camera.lens} lens from {many(used, 'view')}{f' ({left} left out)' if left else ''}, "
         f"{sum(len(view.pixels) for view in fit.views)} corners: RMS {fit.camera.rms:.3f} px",
         f"evidence (BIC, less is better): {tried}",
         f"the corners cover {hull:.0%} of the picture (their hull) and lie in {fields:.0%} of its 8 x 6 fields",
@@ -95,7 +95,7 @@ def lens_blocks(fit: LensFit) -> list[RenderableType]:
 
 def screen_blocks(fit: ScreenFit) -> list[RenderableType]:
     """The screen's pose."""
-    what = f"{len(fit.used)} markers ({', '.join(map(str, sorted(fit.used)))})" if fit.used else "a chessboard"
+    what = f"{many(len(fit.used), 'marker')} ({', '.join(map(str, sorted(fit.used)))})" if fit.used else "a chessboard"
     table = figures_table("T_camera_screen")
     table.add_column("value ± sigma", justify="right")
     table.add_column("unit")
