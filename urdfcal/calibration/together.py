@@ -16,7 +16,6 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix, Vector
-from urdfcal.base.progress import each
 from urdfcal.robot.chain import Chain
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.repeats import first_rows
@@ -115,16 +114,16 @@ def nearest(q: Matrix, count: int) -> Rows:
         q: Joint positions, (n, inputs), [rad] or [m].
         count: How many neighbours, at most n - 1.
     """
+    from scipy.spatial import KDTree
+
     spread = q.std(axis=0)
-    scaled = q[:, spread > _SAME] / spread[spread > _SAME]
+    moves = spread > _SAME
+    scaled = q[:, moves] / spread[moves] if moves.any() else np.zeros((len(q), 1))
     count = min(count, len(q) - 1)
-    rows = []
-    parts = ceil(len(q) / _AT_ONCE)
-    for part in each(np.array_split(np.arange(len(q)), parts), "part of the poses", parts):
-        far = (scaled[part] ** 2).sum(axis=1)[:, None] + (scaled**2).sum(axis=1) - 2 * scaled[part] @ scaled.T
-        far[np.arange(len(part)), part] = np.inf
-        rows.append(np.argpartition(far, count - 1, axis=1)[:, :count])
-    return np.concatenate(rows)
+    found = KDTree(scaled).query(scaled, k=count + 1)[1]
+    own = found == np.arange(len(q))[:, None]
+    own[~own.any(axis=1), -1] = True  # as many others are at the very place of the pose itself
+    return np.asarray(found[~own].reshape(len(q), count), dtype=np.intp)
 
 
 def _joined(marked: Mask, near: Rows) -> Vector:
