@@ -5,16 +5,28 @@ from __future__ import annotations
 
 import pytest
 
-from urdfcal.base.terminal import as_text, rounded
+from urdfcal.base.terminal import as_text, figures_table, rounded, value_and_sigma, with_minus
 
 
 @pytest.mark.parametrize(
     ("value", "digits", "text"),
-    [(163.2, 2, "160"), (1234567.0, 3, "1230000"), (-163.2, 2, "-160"), (99.6, 2, "1e+02"), (0.01234, 2, "0.012"), (12.0, 3, "12"), (2e12, 2, "2e+12")],
+    [(163.2, 2, "160"), (1234567.0, 3, "1230000"), (-163.2, 2, "\u2212160"), (99.6, 2, "1e+02"), (0.01234, 2, "0.012"), (12.0, 3, "12"), (2e12, 2, "2e+12")],
 )  # fmt: skip
 def test_numbers_are_rounded_as_people_write_them(value: float, digits: int, text: str) -> None:
     """So many digits count, without an exponent unless the number is out of all bounds."""
     assert rounded(value, digits) == text.replace("1e+02", "100")
+
+
+def test_what_is_negative_has_a_true_minus() -> None:
+    """As figures, in exponents and in the figures of a table; names, options, ranges, dates and words keep their hyphens."""
+    assert with_minus("-1.5 ± 2e-05 (-1, -.5)") == "\u22121.5 ± 2e\u221205 (\u22121, \u2212.5)"
+    for other in ("5-fold", "--gravity", "2026-11-28", "file-3.csv", "a - b", "-o", "laser-1"):
+        assert with_minus(other) == other
+    assert value_and_sigma(-1.0, 0.25) == "\u22121.000 ± 0.250"
+    table = figures_table("pose")
+    table.add_column("value", justify="right")
+    table.add_row("-3", "-3.0")
+    assert as_text([table]).splitlines()[-1].split() == ["-3", "\u22123.0"]
 
 
 def test_sentences_break_between_words() -> None:

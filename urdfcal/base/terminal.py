@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+MINUS = "\u2212"  # the sign of figures that people read; what machines read, and what people copy, has the hyphen
 WIDTH = 100
 _LARGE = 1e9  # numbers from here on have an exponent
+_NEGATIVE = re.compile(r"(?<![\w.-])-(?=\.?\d)|(?<=\de)-(?=\d)")
 
 
 def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
@@ -39,18 +42,23 @@ def _between_words(text: str, columns: int) -> Iterator[str]:
         yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
 
 
+def with_minus(figures: str) -> str:
+    """Figures with a true minus before what is negative, as long as the plus; text that is to be copied stays out of it."""
+    return _NEGATIVE.sub(MINUS, figures)
+
+
 def rounded(value: float, digits: int) -> str:
     """A number to so many digits that count, as people write it: 160, and not 1.6e+02."""
     text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
+    return with_minus(f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text)
 
 
 def value_and_sigma(value: float, sigma: float) -> str:
     """`+0.9987 ± 0.0210`: the sigma with three digits that count, the value as far."""
     if not (math.isfinite(sigma) and sigma > 0):
-        return f"{value:+.6g}"
+        return with_minus(f"{value:+.6g}")
     digits = min(max(2 - math.floor(math.log10(sigma)), 0), 9)
-    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+    return with_minus(f"{value:+.{digits}f} ± {sigma:.{digits}f}")
 
 
 def displayed(unit: str) -> tuple[str, float]:
@@ -68,7 +76,9 @@ def figures_table(*labels: str) -> Table:
         """A table whose cells are text and nothing else: no marks of rich, and nothing that steers a terminal."""
 
         def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
-            super().add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
+            figures = [column.justify == "right" for column in self.columns] + [False] * len(cells)
+            plain = (with_minus(cell) if isinstance(cell, str) and figure else cell for cell, figure in zip(cells, figures, strict=False))
+            super().add_row(*(Text(shown(cell)) if isinstance(cell, str) else cell for cell in plain), **how)
 
         def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
             super().add_column(Text(shown(header)) if isinstance(header, str) else header, *rest, **how)
