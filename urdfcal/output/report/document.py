@@ -61,7 +61,8 @@ class Table:
     @property
     def compared(self) -> bool:
         """Whether two groups of the same figures stand beside each other, as before and after."""
-        return len(self.groups) == 3 and self.columns[-1 - self.groups[2][1]] == self.columns[-1]
+        width = self.groups[-1][1] if len(self.groups) == 3 else 0
+        return bool(width) and self.columns[-2 * width : -width] == self.columns[-width:]
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def _framed(axes: Axes, height: float) -> _Frame:
 
 def _most(height: float) -> int:
     """Ticks that y has room for."""
-    return max(int(height / _LINE), 3)
+    return min(max(int(height / _LINE), 3), _MOST_TICKS - 2)
 
 
 def _ticks_beside(scale: Scale, width: float) -> dict[float, str]:
