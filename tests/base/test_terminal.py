@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from urdfcal.base.terminal import as_text, figures_table, rounded, value_and_sigma, with_minus
+from urdfcal.base.terminal import as_text, figures_table, rounded, value_and_sigma
 
 
 @pytest.mark.parametrize(
@@ -17,11 +17,8 @@ def test_numbers_are_rounded_as_people_write_them(value: float, digits: int, tex
     assert rounded(value, digits) == text.replace("1e+02", "100")
 
 
-def test_what_is_negative_has_a_true_minus() -> None:
-    """As figures, in exponents and in the figures of a table; names, options, ranges, dates and words keep their hyphens."""
-    assert with_minus("-1.5 ± 2e-05 (-1, -.5)") == "\u22121.5 ± 2e\u221205 (\u22121, \u2212.5)"
-    for other in ("5-fold", "--gravity", "2026-11-28", "file-3.csv", "a - b", "-o", "laser-1"):
-        assert with_minus(other) == other
+def test_figures_in_tables_have_a_true_minus() -> None:
+    """And those in sentences; names in the columns of words stay as they are."""
     assert value_and_sigma(-1.0, 0.25) == "\u22121.000 ± 0.250"
     table = figures_table("pose")
     table.add_column("value", justify="right")

@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import io
 import math
-import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.minus import with_minus
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
 
-MINUS = "\u2212"  # the sign of figures that people read; what machines read, and what people copy, has the hyphen
 WIDTH = 100
 _LARGE = 1e9  # numbers from here on have an exponent
-_NEGATIVE = re.compile(r"(?<![\w.-])-(?=\.?\d)|(?<=\de)-(?=\d)")
 
 
 def as_text(blocks: Iterable[RenderableType], columns: int = 0) -> str:
@@ -40,11 +38,6 @@ def _between_words(text: str, columns: int) -> Iterator[str]:
     for line in text.splitlines():
         indent = " " * (len(line) - len(line.lstrip()))
         yield from textwrap.wrap(line, columns, subsequent_indent=f"{indent}  ", break_long_words=False, break_on_hyphens=False) or [""]
-
-
-def with_minus(figures: str) -> str:
-    """Figures with a true minus before what is negative, as long as the plus; text that is to be copied stays out of it."""
-    return _NEGATIVE.sub(MINUS, figures)
 
 
 def rounded(value: float, digits: int) -> str:

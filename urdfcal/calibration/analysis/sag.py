@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Vector
-from urdfcal.base.terminal import with_minus
+from urdfcal.base.minus import with_minus
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urdfcal.base.terminal import displayed, value_and_sigma, with_minus
+from urdfcal.base.minus import with_minus
+from urdfcal.base.terminal import displayed, value_and_sigma
 from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.error_table import SpotTable

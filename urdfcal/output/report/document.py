@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from urdfcal.base.terminal import with_minus
+from urdfcal.base.minus import with_minus
 
 _MANY_ROWS, _SLIM, _SHORT = 12, 4, 36  # rows, columns, letters of a row's name
 

@@ -14,7 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import displayed, with_minus
+from urdfcal.base.minus import with_minus
+from urdfcal.base.terminal import displayed
 from urdfcal.base.version import __version__
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.result import FitResult

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix
+from urdfcal.base.minus import with_minus
 from urdfcal.base.rotations import skew
-from urdfcal.base.terminal import displayed, figures_table, rounded, titled, value_and_sigma, with_minus
+from urdfcal.base.terminal import displayed, figures_table, rounded, titled, value_and_sigma
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.problem import Problem
 

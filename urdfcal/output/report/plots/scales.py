@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.base.terminal import with_minus
+from urdfcal.base.minus import with_minus
 
 Kind = Literal["linear", "log", "symlog"]
 
