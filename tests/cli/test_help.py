@@ -145,7 +145,7 @@ def test_measurements_says_what_is_understood(run_cli: Run) -> None:
     done = run_cli("measurements", *arm7)
     assert (done.code, done.err) == (0, "")
     assert max(map(len, done.out.splitlines())) <= 80
-    for words in ("90 poses with 180 spots", "joint4", "(rad)", "-120 to 0", "laser_2   90 spots", "60 rows to fit, 30 to test"):
+    for words in ("90 poses with 180 spots", "joint4", "(rad)", "\u2212120 to 0", "laser_2   90 spots", "60 rows to fit, 30 to test"):
         assert words in done.out
     found = json.loads(run_cli("measurements", *arm7, "--json").out)
     assert found["sets"] == {"fit": 60, "test": 30}

@@ -120,7 +120,7 @@ def test_what_must_not_be_used_is_not_written(run_cli: Run, tmp_path: Path) -> N
     assert reason in forced.out
     for name in ("r.html", "r.md"):
         text = (tmp_path / name).read_text()
-        assert "Do not use this calibration" in text
+        assert "Verdict: do not use" in text
         assert reason[1:] in text
 
 
@@ -145,7 +145,7 @@ def test_test_poses_of_their_own_file(run_cli: Run) -> None:
 def test_dh_prints_table_i(run_cli: Run) -> None:
     """The paper's table comes back on the terminal, with what the mount carries."""
     out = run_cli("dh", ARM7).out
-    assert "joint1   -500.0000     0.0000   -90.0000   -90.0000" in out
+    assert "joint1   -500.0000     0.0000   -90.0000   -90.0000" in out.replace("\u2212", "-")
     assert "carried by the mount: joint7.d_theta" in out
     machine = json.loads(run_cli("dh", ARM7, "--json").out)
     assert machine["nominal"][0]["a"] == -0.5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from tests.support.small_robot import CSV, URDF
 from urdfcal.base.errors import RobotError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.terminal import as_text, figures_table, titled
+from urdfcal.cli.streams import Shown
 
 Run = Callable[..., CliResult]
 DH = f"'{sys.executable}' -m urdfcal.cli dh '{ROBOTS_DIR / 'arm7' / 'arm7.urdf.xacro'}'"
@@ -87,6 +89,16 @@ def test_tables_show_what_rich_would_take_for_marks() -> None:
     assert all(word in text for word in ("[bold]name", "[/red] [link=x]y :smile:", f"one\n{WRITTEN}"))
     assert text.count(WRITTEN) == 3
     assert shown("a\tb\nµ°±→") == "a\tb\nµ°±→"
+
+
+@pytest.mark.parametrize(("encoding", "written"), [("utf-8", "\u22121 ±"), ("latin-1", "-1 ±"), ("ascii", "-1 ?")])
+def test_a_minus_keeps_its_meaning_in_every_encoding(encoding: str, written: str) -> None:
+    """Where a stream has no true minus a hyphen stands for it, and no question mark."""
+    sink = io.BytesIO()
+    stream = Shown(io.TextIOWrapper(sink, encoding, errors="replace"))
+    stream.write("\u22121 ±")
+    stream.flush()
+    assert sink.getvalue().decode(encoding) == written
 
 
 @pytest.mark.parametrize("quiet", [True, False])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from urdfcal.base.breaking import BreakingText, between_words
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.minus import with_minus
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
@@ -43,8 +44,8 @@ def rounded(value: float, digits: int) -> str:
     """A number to so many digits that count, as people write it: 160, and not 1.6e+02; 0.00001, and not 1e-05."""
     text = f"{value:.{digits}g}"
     if "e-" in text and abs(value) > _SMALL:
-        return f"{value:.{digits - 1 - math.floor(math.log10(abs(value)))}f}".rstrip("0")
-    return f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text
+        text = f"{value:.{digits - 1 - math.floor(math.log10(abs(value)))}f}".rstrip("0")
+    return with_minus(f"{float(text):.0f}" if "e+" in text and abs(value) < _LARGE else text)
 
 
 def distance(value: float) -> str:
@@ -62,9 +63,9 @@ def many(count: int, what: str) -> str:
 def value_and_sigma(value: float, sigma: float) -> str:
     """`+0.9987 ± 0.0210`: the sigma with three digits that count, the value as far."""
     if not (math.isfinite(sigma) and sigma > 0):
-        return f"{value:+.6g}"
+        return with_minus(f"{value:+.6g}")
     digits = min(max(2 - math.floor(math.log10(sigma)), 0), 9)
-    return f"{value:+.{digits}f} ± {sigma:.{digits}f}"
+    return with_minus(f"{value:+.{digits}f} ± {sigma:.{digits}f}")
 
 
 def displayed(unit: str) -> tuple[str, float]:
@@ -82,7 +83,9 @@ def figures_table(*labels: str) -> Table:
         """A table whose cells are text and nothing else: no marks of rich, and nothing that steers a terminal."""
 
         def add_row(self, *cells: RenderableType | None, **how: Any) -> None:
-            super().add_row(*(BreakingText(shown(cell)) if isinstance(cell, str) else cell for cell in cells), **how)
+            figures = [column.justify == "right" for column in self.columns] + [False] * len(cells)
+            plain = (with_minus(cell) if isinstance(cell, str) and figure else cell for cell, figure in zip(cells, figures, strict=False))
+            super().add_row(*(BreakingText(shown(cell)) if isinstance(cell, str) else cell for cell in plain), **how)
 
         def add_column(self, header: RenderableType = "", *rest: Any, **how: Any) -> None:
             numbers = how.get("justify") == "right"  # to which names give way

@@ -103,7 +103,7 @@ class Outputs:
         """
         deployed, places = calibration.deployed(rng), self.places
         files: dict[str | Path, bytes] = dict(deployed.files(self.plan))
-        files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine()) for report in self.reports}
+        files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine(), extra.spots) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
                 raise UsageError(f"--compensation {self.compensation}: {_no_sag(calibration)}; there is nothing to write")

@@ -14,23 +14,33 @@ from typing import Any, TextIO
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.foreign_text import shown
+from urdfcal.base.minus import MINUS
 
 _MOST = 5  # lines of libraries that are passed on
 
 
 class Shown:
-    """A stream of text on which control characters are written out."""
+    """A stream of text on which control characters are written out, and a minus never becomes the sign of an unknown letter."""
 
     def __init__(self, stream: TextIO) -> None:
-        self.raw = stream
+        self.raw, self.minus = stream, MINUS if _has(stream, MINUS) else "-"
 
     def write(self, text: str) -> int:
         """Write, as it may be shown."""
-        self.raw.write(shown(text))
+        self.raw.write(shown(text).replace(MINUS, self.minus))
         return len(text)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.raw, name)
+
+
+def _has(stream: Any, letter: str) -> bool:
+    """Whether a stream's encoding has this letter."""
+    try:
+        letter.encode(getattr(stream, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def raw(stream: Any) -> Any:

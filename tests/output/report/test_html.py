@@ -16,13 +16,16 @@ from tests.support.paths import ROBOTS_DIR
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import Calibration, fit
 from urdfcal.base.errors import UsageError
+from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.content import report_of
-from urdfcal.output.report.files import write_report
+from urdfcal.output.report.files import report_bytes, write_report
 from urdfcal.output.report.residuals import residuals_of
 from urdfcal.output.report.suspects import spreads, suspects
 from urdfcal.output.report.verdict import opening_of
+from urdfcal.output.text.headline import headline
+from urdfcal.output.text.result import text_report
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import measurements_from
 from urdfcal.sensors.measurements_csv import read_measurements
@@ -32,7 +35,7 @@ from urdfcal.simulation.truth import random_truth
 COMMAND = ["/somewhere/urdfcal", "fit", "robot.urdf", "two words.csv"]
 Written = Callable[[FitResult, str], str]
 
-VOID = {"meta", "br"}
+VOID = {"meta", "br", "wbr"}
 SPOT_SIGMA = 1e-3
 
 
@@ -63,7 +66,7 @@ class Outline(HTMLParser):
 
     @property
     def text(self) -> str:
-        return " ".join(" ".join(self.words).split())
+        return " ".join("".join(self.words).split())
 
 
 def simulated(robot: Robot, fitted: int = 40, tested: int = 0, shift: tuple[int, float] | None = None, **options: object) -> Calibration:
@@ -131,10 +134,11 @@ def test_the_page_is_well_formed_and_its_ids_are_unique(page: str) -> None:
 
 def test_pictures_take_their_colours_from_the_page_and_say_what_they_show(page: str) -> None:
     """Every picture has a text for those who do not see it and no colour of its own, so that it follows light and dark."""
-    drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    drawings = re.findall(r"</h3>(<svg .*?)</figure>", page, re.DOTALL)
     assert len(drawings) >= 12
     assert [drawing for drawing in drawings if not re.match(r'<svg [^>]*role="img" aria-label="[^"]{20,}"', drawing)] == []
     assert set(re.findall(r"#[0-9a-f]{6}\b", " ".join(drawings))) == set()
+    assert {"c0", "c1", "grid"} <= set(re.findall(r'class="(\w+)"', drawings[0])) <= set(re.findall(r"\.(\w+) \{", page))
     variables = set(re.findall(r"var\((--\w+)\)", page))
     assert variables <= set(re.findall(r"(--\w[\w-]*):", page))
 
@@ -146,6 +150,45 @@ def test_lasers_parameters_and_provenance_are_named(arm7: Calibration, page: str
     for name in (*arm7.data.lasers, *arm7.errors.names, *arm7.errors.carried, "urdfcal fit robot.urdf 'two words.csv'", arm7.data.sha256):
         assert name in text
     assert "The spots lay 99 mm off on average; after calibration 1.3 mm (1.6 mm on test poses" in text
+
+
+def test_what_is_predicted_of_the_workspace_is_in_page_and_markdown(arm7: Calibration) -> None:
+    """Where it is known how far off each laser's spots will be, both say it in their first table, with the terminal's figures."""
+    spots = SpotAccuracy(("laser_1", "laser_2"), (9, 9), *(np.array([1.0, 2.0]) * 1e-3 * times for times in (1, 3, 40)))
+    for ending in (".html", ".md"):
+        text = report_bytes(Path(f"report{ending}"), arm7, COMMAND, spots=spots).decode()
+        first = (Outline(text).text if ending == ".html" else text.replace("|", "").replace("  ", " ")).partition("Parameters")[0]
+        assert re.search(r"spots of laser_2 over the workspace ?2\.0 ?6\.0 ?80", first), first
+
+
+def test_the_verdict_stands_first_and_is_the_terminals(arm7: Calibration, page: str, written: Written) -> None:
+    """Page, Markdown and terminal begin with the same verdict and say in the same sentence how far off the spots were."""
+    spoken = text_report(arm7).splitlines()
+    words = headline(arm7)
+    assert spoken[:2] == ["Verdict: can be used", words]
+    assert Outline(page).text.partition(spoken[0])[2].startswith(f" {words}")
+    assert f"**{spoken[0]}.** {words}" in written(arm7, ".md")
+    assert json.loads(written(arm7, ".json"))["headline"] == words
+
+
+def test_figures_have_a_true_minus_and_what_is_copied_a_hyphen(arm7: Calibration, page: str, written: Written) -> None:
+    """No negative figure in tables, terminal and pictures begins with a hyphen; the command line keeps its own."""
+    rows = [line for line in written(arm7, ".md").splitlines() if line.startswith("| ") and "sha256" not in line and "created" not in line]
+    tables = "\n".join(row for row in rows if not row.startswith("| command"))
+    ticks = " ".join(re.findall(r"<text [^>]*>([^<]*)</text>", page))
+    for text in (tables, text_report(arm7), ticks):
+        assert "\u2212" in text
+        assert not re.search(r"(?<![\w.-])-\d", text)
+    assert "--spot -1" in report_bytes(Path("report.md"), arm7, [*COMMAND, "--spot", "-1"]).decode()
+
+
+def test_before_and_after_stand_over_their_three_columns(page: str) -> None:
+    """Each of the two headings spans three columns, and in a narrow window a row's names stand in a line above all six."""
+    assert re.search(r'colspan="3" scope="colgroup"><span>before</span></th>\s*<th [^>]*colspan="3" scope="colgroup"><span>after', page)
+    table = page[page.index('id="spots"') :].partition("</table>")[0]
+    for row in re.findall(r'<tr role="row"><th.*?</tr>', table):
+        assert len(re.findall(r' lead"', row)) == 3
+        assert len(re.findall(r'class="figure"', row)) == 6
 
 
 def test_markdown_tables_are_regular(arm7: Calibration, written: Written) -> None:
@@ -199,7 +242,7 @@ def test_numbers_that_are_none_do_not_break_the_page(arm7: Calibration, written:
     belief = replace(arm7.estimate.belief, x=np.full_like(arm7.x, 1e9), P=np.full_like(arm7.covariance, np.inf))
     broken = replace(arm7, estimate=replace(arm7.estimate, belief=belief, stop="not_finite"), chi_squared=np.nan)
     with np.errstate(all="ignore"):
-        assert "Do not use this calibration" in written(broken, ".html")
+        assert "Verdict: do not use" in written(broken, ".html")
 
 
 def test_noise_that_is_stated_too_small_is_bad_and_no_single_spot_is_blamed(robots: dict[str, Robot]) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Vector
+from urdfcal.base.minus import with_minus
 from urdfcal.base.progress import each
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.asking.ground import Ground
@@ -279,9 +280,10 @@ class _Setup:
         if gain > LEAST_GAIN:
             left = self.held_out(whole, others[best], FOLDS, rng)
             if left is not None and left.ratio < 1:
+                change = with_minus(f"{100 * (left.ratio - 1):+.0f} %")
                 yield (
                     f"the data prefer gravity along {best} of '{root}' to the direction that was used (log evidence {gain:+.0f}, "
-                    f"held-out poses {100 * (left.ratio - 1):+.0f} %); "
+                    f"held-out poses {change}); "
                     "if the robot is mounted so, say --gravity X,Y,Z, or --gravity estimate"
                 )
         elif whole.bends < _UPWARD and (held_out is None or held_out.ratio < 1):

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from urdfcal.base.minus import with_minus
 from urdfcal.base.terminal import displayed, value_and_sigma
+from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.outliers import Outlier
@@ -15,16 +17,17 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.identifiability import DETERMINED, Combination
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
 from urdfcal.output.report.document import Block, Cell, Gallery, Points, Section, Share, Table
+from urdfcal.output.report.plots.maps import map_words
 from urdfcal.output.report.residuals import Residuals, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
 from urdfcal.output.report.verdict import Opening, count_of, opening_of
-from urdfcal.output.report.wording import wording_of
-from urdfcal.output.text.instruments import first_kind, parameters_in_words
+from urdfcal.output.text.instruments import first_kind, measuring_frame, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
 from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
 from urdfcal.output.text.stands_out import COLUMNS as STANDS_OUT
 from urdfcal.output.text.stands_out import stands_out_rows
+from urdfcal.output.text.wording import wording_of
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.sensor import MAIN_UNIT
 
@@ -53,19 +56,19 @@ class Report:
     suspects: tuple[Suspect, ...]
 
 
-def report_of(calibration: FitResult, command: Sequence[str], sag: Section | None = None) -> Report:
-    """Gather everything that there is to say about a calibration, and of what gravity does to the robot if that was asked."""
+def report_of(calibration: FitResult, command: Sequence[str], sag: Section | None = None, spots: SpotAccuracy | None = None) -> Report:
+    """Gather everything that there is to say about a calibration, with what gravity does to the robot and how far off spots will be."""
     sets = residuals_of(calibration)
     found = suspects(calibration, sets)
     sections = [
-        _measured(calibration),
+        _measured(calibration, sets),
         frames_section(calibration),
         places_section(calibration, sets),
-        _convergence(calibration),
         _parameters(calibration),
         _combinations(calibration),
         _carried(calibration),
         _correlations(calibration),
+        _convergence(calibration),
         _asked(calibration),
         _outliers(calibration, sets, found),
         *([sag] if sag is not None else []),
@@ -76,10 +79,10 @@ def report_of(calibration: FitResult, command: Sequence[str], sag: Section | Non
     subtitle = f"{data.counted} with {data.summary}; {parameters_in_words(calibration.errors)}; {calibration.estimator}"
     title = f"Calibration of {calibration.robot.name}"
     shown = tuple(each for each in sections if each.blocks)
-    return Report(title, subtitle, opening_of(calibration, found), shown, tuple(sets), tuple(found))
+    return Report(title, subtitle, opening_of(calibration, found, spots), shown, tuple(sets), tuple(found))
 
 
-def _measured(calibration: FitResult) -> Section:
+def _measured(calibration: FitResult, sets: Sequence[Residuals]) -> Section:
     rows = _distance_rows("fit", calibration.before, calibration.after)
     rows += _distance_rows("test", *calibration.test) if calibration.test else []
     rows += _distance_rows("test, trimmed", *calibration.test_trimmed) if calibration.test_trimmed else []
@@ -90,7 +93,9 @@ def _measured(calibration: FitResult) -> Section:
     columns = ("poses", source, words.count, *_PHASES, *_PHASES)
     table = Table(columns, tuple(rows), words=2, groups=(("", 3), ("before", 3), ("after", 3)))
     intro = f"{words.intro}: before with the nominal robot, after with the calibrated one.{words.note}"
-    return Section("spots", words.title, (intro, table, *(Gallery(key) for key in ("maps", "histograms", "components"))))
+    numbers = "Residuals are measured less predicted by the calibrated robot, number by number."
+    maps: list[Block] = [*map_words(sets, measuring_frame(calibration)), Gallery("maps"), Gallery("histograms")]
+    return Section("spots", words.title, (intro, table, *maps, *([numbers] if sets else []), Gallery("components")))
 
 
 def _distance_rows(label: str, before: SpotTable, after: SpotTable) -> list[tuple[Cell, ...]]:
@@ -188,7 +193,7 @@ def _group_line(calibration: FitResult, group: Sequence[str]) -> str:
     np.fill_diagonal(block, 0.0)
     first, second = sorted(divmod(int(np.argmax(np.abs(block))), len(rows)))
     strongest = "" if len(group) == 2 else f", strongest {group[first]} with {group[second]}"
-    return f"{', '.join(group)} (correlation {block[first, second]:+.3f}{strongest})"
+    return f"{', '.join(group)} (correlation {with_minus(f'{block[first, second]:+.3f}')}{strongest})"
 
 
 def _asked(calibration: FitResult) -> Section:

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from urdfcal.base.minus import with_minus
+
+_MANY_ROWS, _SLIM, _SHORT = 12, 4, 36  # rows, columns, letters of a row's name
+
 
 @dataclass(frozen=True)
 class Share:
@@ -40,6 +44,25 @@ class Table:
     rows: tuple[tuple[Cell, ...], ...]
     words: int = 1
     groups: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def shown(self) -> list[list[Cell]]:
+        """The rows, figures with a true minus."""
+        return [
+            [with_minus(cell) if at >= self.words and isinstance(cell, str) else cell for at, cell in enumerate(row)] for row in self.rows
+        ]
+
+    @property
+    def long(self) -> bool:
+        """Whether it is slim and has so many rows that they had better stand in two columns where there is room."""
+        names = max((len(str(row[0])) for row in self.rows), default=0)
+        return len(self.rows) >= _MANY_ROWS and self.words < len(self.columns) <= _SLIM and names <= _SHORT and not self.groups
+
+    @property
+    def compared(self) -> bool:
+        """Whether two groups of the same figures stand beside each other, as before and after."""
+        width = self.groups[-1][1] if len(self.groups) == 3 else 0
+        return bool(width) and self.columns[-2 * width : -width] == self.columns[-width:]
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.sections import sag_section
@@ -33,7 +34,12 @@ def write_report(path: Path, calibration: FitResult, command: Sequence[str]) -> 
 
 
 def report_bytes(
-    path: Path, calibration: FitResult, command: Sequence[str], sag: SagFit | None = None, further: Mapping[str, Any] | None = None
+    path: Path,
+    calibration: FitResult,
+    command: Sequence[str],
+    sag: SagFit | None = None,
+    further: Mapping[str, Any] | None = None,
+    spots: SpotAccuracy | None = None,
 ) -> bytes:
     """The content of a report, by the ending of its file; with what gravity does to the robot, if that is known.
 
@@ -43,6 +49,7 @@ def report_bytes(
         command: How it was called.
         sag: What gravity does to the robot.
         further: What machines are told beside the fit, for `.json`.
+        spots: How far off the spots are predicted to be over the workspace, for the others.
 
     Raises:
         UsageError: the file has another ending.
@@ -51,7 +58,7 @@ def report_bytes(
     if path.suffix.lower() == ".json":
         text = _json(calibration, sag, further or {})
     else:
-        text = {".html": _html, ".md": _markdown}[path.suffix.lower()](calibration, command, sag)
+        text = {".html": _html, ".md": _markdown}[path.suffix.lower()](calibration, command, sag, spots)
     return text.encode("utf-8", "backslashreplace")
 
 
@@ -65,18 +72,18 @@ def require_report_ending(path: Path) -> None:
         raise UsageError(f"{path}: a report ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}, found '{path.suffix}'")
 
 
-def _html(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
+def _html(calibration: FitResult, command: Sequence[str], sag: SagFit | None, spots: SpotAccuracy | None) -> str:
     from urdfcal.output.report.content import report_of
     from urdfcal.output.report.html import page
 
-    return page(report_of(calibration, command, sag_section(sag)), calibration)
+    return page(report_of(calibration, command, sag_section(sag), spots), calibration)
 
 
-def _markdown(calibration: FitResult, command: Sequence[str], sag: SagFit | None) -> str:
+def _markdown(calibration: FitResult, command: Sequence[str], sag: SagFit | None, spots: SpotAccuracy | None) -> str:
     from urdfcal.output.report.content import report_of
     from urdfcal.output.report.markdown import markdown
 
-    return markdown(report_of(calibration, command, sag_section(sag)))
+    return markdown(report_of(calibration, command, sag_section(sag), spots))
 
 
 def _json(calibration: FitResult, sag: SagFit | None, further: Mapping[str, Any]) -> str:

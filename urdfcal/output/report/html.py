@@ -11,11 +11,10 @@ from urdfcal.output.report.document import Block
 from urdfcal.output.report.plots.maps import map_pictures
 from urdfcal.output.report.plots.parameters import convergence_pictures, value_pictures
 from urdfcal.output.report.plots.residuals import component_pictures, size_pictures
-from urdfcal.output.report.plots.svg import Picture, house_style
+from urdfcal.output.report.plots.svg import Picture
 from urdfcal.output.report.touches import consistency_pictures
 from urdfcal.output.report.verdict import Level
 from urdfcal.output.templates import filled_template
-from urdfcal.output.text.instruments import measuring_frame
 
 _MARKS: dict[Level, dict[str, str]] = {
     "good": {"sign": "✓", "meaning": "good"},
@@ -38,21 +37,21 @@ def page(report: Report, calibration: FitResult) -> str:
         marks=_MARKS,
         kind=_kind,
         parts=_parts,
+        pieces=_pieces,
         percent=_percent,
     )
 
 
 def pictures(report: Report, calibration: FitResult) -> list[Picture]:
     """All pictures of a report."""
-    with house_style():
-        return [
-            *map_pictures(report.residuals, report.suspects, measuring_frame(calibration)),
-            *size_pictures(report.residuals),
-            *component_pictures(report.residuals),
-            *consistency_pictures(report.residuals),
-            *convergence_pictures(calibration),
-            *value_pictures(calibration),
-        ]
+    return [
+        *map_pictures(report.residuals, report.suspects),
+        *size_pictures(report.residuals),
+        *component_pictures(report.residuals),
+        *consistency_pictures(report.residuals),
+        *convergence_pictures(calibration),
+        *value_pictures(calibration),
+    ]
 
 
 def _kind(block: Block) -> str:
@@ -62,6 +61,11 @@ def _kind(block: Block) -> str:
 def _parts(text: str) -> list[str]:
     """Text and, at every other place, options such as `--estimate`, which are not to break at their hyphens."""
     return re.split(r"((?<!\S)--[\w-]+)", text)
+
+
+def _pieces(name: str) -> list[str]:
+    """A name cut where it may go on in another line: behind a full stop."""
+    return re.split(r"(?<=\.)(?=.)", name)
 
 
 def _percent(part: float) -> float:

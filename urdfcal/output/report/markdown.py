@@ -34,7 +34,7 @@ def _table(table: Table) -> str:
     groups = [heading for heading, count in table.groups for _ in range(count)] or [""] * len(table.columns)
     heads = [f"{column} {group}".strip() for column, group in zip(table.columns, groups, strict=True)]
     rules = [":--" if column < table.words else "--:" for column in range(len(table.columns))]
-    rows = [[_text(str(cell)) for cell in row] for row in table.rows]
+    rows = [[_text(str(cell)) for cell in row] for row in table.shown]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [heads, rules, *rows])
 
 

@@ -84,6 +84,11 @@ def residuals_of(calibration: FitResult) -> list[Residuals]:
     return found + (_of_set(calibration, "test", calibration.test_data) if calibration.test_data is not None else [])
 
 
+def numbered(sets: Sequence[Residuals]) -> dict[str, int]:
+    """A number for every laser and target, by which all pictures have the same colour for it."""
+    return {name: number for number, name in enumerate(dict.fromkeys(own.name for own in sets))}
+
+
 @dataclass(frozen=True)
 class _State:
     """A robot put to some poses, at one state.

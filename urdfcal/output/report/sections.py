@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.minus import with_minus
 from urdfcal.base.terminal import displayed
 from urdfcal.base.version import __version__
 from urdfcal.calibration.analysis.sag import SagFit
@@ -107,7 +108,7 @@ def sag_section(sag: SagFit | None) -> Section | None:
         return None
     rows = tuple((each.joint, f"{each.mrad:.3f}", f"{each.tool_mm:.3f}") for each in deflections(sag))
     table = Table(("joint", "largest deflection in mrad", "moves the tool by mm"), rows)
-    words, extras = sag_words(sag), tuple(extras_rows(sag))
+    words, extras = with_minus(sag_words(sag)), tuple(extras_rows(sag))
     beside = (Table(("found beside sag", "value ± sigma", "unit"), extras),) if extras else ()
     text = "Not in the calibrated URDF, which is that of geometry alone: --compensation writes it, beside a URDF of its own."
     return Section("sag", "Sag under gravity", (f"{words[0].upper()}{words[1:]}.", text, *beside, table))

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.output.report.plots.svg import SERIES, WIDE, Picture, draw_picture
+from urdfcal.output.report.plots.axes import Axes, Look
+from urdfcal.output.report.plots.marks import DOT, RING
+from urdfcal.output.report.plots.svg import Picture, draw_picture, row_ends, row_height
 from urdfcal.output.report.residuals import Residuals
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 MOST_PLACES = 30  # in a picture or a table; of more the worst are shown
 
@@ -62,8 +59,8 @@ def consistency_pictures(sets: Sequence[Residuals]) -> list[Picture]:
         shown = own[:MOST_PLACES]
         caption = f"RMS distance of the touches from their {kind}; hollow with the nominal robot, filled with the calibrated one."
         caption += f" The worst {MOST_PLACES} of {len(own)}." if len(own) > MOST_PLACES else ""
-        height = 0.8 + 0.2 * len(shown)
-        found.append(draw_picture("consistency", f"Consistency of {kind}s, {label} poses", caption, height, _Consistency(shown).draw, WIDE))
+        title = f"Consistency of {kind}s, {label} poses"
+        found.append(draw_picture("consistency", title, caption, row_height(len(shown)), _Consistency(shown).draw))
     return found
 
 
@@ -74,10 +71,10 @@ class _Consistency:
     def draw(self, axes: Axes) -> None:
         height = -np.arange(len(self.scatters), dtype=float)
         before, after = (np.array([getattr(scatter, phase) for scatter in self.scatters]) for phase in ("before", "after"))
-        axes.hlines(height, np.minimum(before, after), np.maximum(before, after), color=SERIES[0], linewidth=0.8)
-        look: Any = {"linewidth": 0, "color": SERIES[0], "markersize": 4}
-        axes.plot(before, height, "o", markerfacecolor="none", **look)
-        axes.plot(after, height, "o", **look)
-        axes.set_yticks(height, [scatter.name for scatter in self.scatters], fontsize=9.5)
-        axes.set(xlabel="RMS in mm", ylim=(height[-1] - 0.8, 0.8), xlim=(0, 1.06 * max(float(np.max([before, after])), 1e-6)))
-        axes.grid(False, axis="y")
+        gap = np.full_like(height, np.nan)
+        axes.points(np.stack([before, after, gap], axis=1).ravel(), np.repeat(height, 3), Look("c0", dash="solid", width=0.8))
+        axes.points(before, height, Look("c0", RING), "before")
+        axes.points(after, height, Look("c0", DOT), "after")
+        axes.rows = [scatter.name for scatter in self.scatters]
+        axes.x_label, axes.y_ends = "RMS in mm", row_ends(len(self.scatters))
+        axes.x_ends = (0.0, 1.06 * max(float(np.max([before, after])), 1e-6))

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import Use, Verdict, honest_covariance, verdict_of
-from urdfcal.calibration.error_table import SpotTable, main_unit, rms_of
+from urdfcal.calibration.error_table import main_unit, rms_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import LEAST_FREEDOM
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.report.document import Table
 from urdfcal.output.report.suspects import Suspect
-from urdfcal.output.report.wording import wording_of
+from urdfcal.output.text.headline import headline, rough
 from urdfcal.output.text.instruments import noise_in_words
-from urdfcal.output.text.verdict import FIGURES, PREDICTED, accuracy_rows, constant_words
+from urdfcal.output.text.verdict import FIGURES, PREDICTED, accuracy_rows, constant_words, rough_mm, verdict_words
+from urdfcal.output.text.wording import wording_of
 
 Level = Literal["good", "note", "warn", "bad"]
 
 _LEVELS: dict[Use, Level] = {"yes": "good", "reservations": "warn", "no": "bad"}
-_SUMMARY: dict[Use, str] = {
-    "yes": "This calibration can be used",
-    "reservations": "This calibration can be used, with reservations",
-    "no": "Do not use this calibration",
-}
 _FEW = 6  # names that a sentence can hold
 
 
@@ -43,8 +39,8 @@ class Opening:
 
     Attributes:
         level: Of the verdict.
-        summary: In five words.
-        headline: How far off the spots were, and are.
+        summary: The verdict, as the terminal has it.
+        headline: How far off the readings were, and are.
         findings: The verdict's reasons, what would help, and what else there is to know of it.
         predicted: Table of the predicted accuracy, with what stands under it; None where nothing is predicted.
         constant: What the constant may be that it leaves out.
@@ -58,8 +54,8 @@ class Opening:
     constant: str
 
 
-def opening_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Opening:
-    """Say whether a calibration may be used."""
+def opening_of(calibration: FitResult, suspects: Sequence[Suspect], spots: SpotAccuracy | None = None) -> Opening:
+    """Say whether a calibration may be used, and how far off the spots are predicted to be over the workspace, if that is known."""
     verdict = verdict_of(calibration)
     level, rejected = _LEVELS[verdict.use], bool(calibration.rejection)
     findings = [
@@ -70,41 +66,28 @@ def opening_of(calibration: FitResult, suspects: Sequence[Suspect]) -> Opening:
         _outlying(suspects, wording_of(calibration.data).one),
         *_warned(calibration.warnings),
     ]
-    table, constant = _predicted(verdict)
-    return Opening(level, _SUMMARY[verdict.use], _headline(calibration), tuple(findings), table, constant)
+    table, constant = _predicted(verdict, spots)
+    return Opening(level, verdict_words(verdict), headline(calibration), tuple(findings), table, constant)
 
 
-def _predicted(verdict: Verdict) -> tuple[Table | None, str]:
-    if verdict.tool is None:
-        return None, ""
+def _predicted(verdict: Verdict, spots: SpotAccuracy | None) -> tuple[Table | None, str]:
+    rows = (*accuracy_rows(verdict), *_spot_rows(spots))
     groups = (("", 1), ("calibrated", 3), ("nominal", 3))
-    return Table((PREDICTED, *FIGURES, *FIGURES), tuple(accuracy_rows(verdict)), groups=groups), f"{constant_words(verdict.tool)}."
+    table = Table((PREDICTED, *FIGURES, *FIGURES), rows, groups=groups) if rows else None
+    return table, f"{constant_words(verdict.tool)}." if verdict.tool is not None else ""
 
 
-def rough(value: float) -> str:
-    """A figure for a sentence: two digits that count."""
-    return "an unknown number of" if not math.isfinite(value) else f"{value:.0f}" if abs(value) >= 9.95 else f"{value:.2g}"
+def _spot_rows(spots: SpotAccuracy | None) -> Iterator[tuple[str, ...]]:
+    """What is predicted of each laser's spots anywhere in the workspace; of the nominal robot nothing is."""
+    if spots is None:
+        return
+    for laser, *figures in zip(spots.lasers, spots.median.tolist(), spots.most.tolist(), spots.worst.tolist(), strict=True):
+        yield (f"spots of {laser} over the workspace", *map(rough_mm, figures), "–", "–", "–")
 
 
 def count_of(number: int, noun: str) -> str:
     """`1 spot`, `2 spots`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-def means(table: SpotTable) -> str:
-    """Mean distance over all lasers or targets, for each unit: `1.3 mm`, `0.45 mm and 0.06 deg`."""
-    words = []
-    for unit in dict.fromkeys(row.unit for row in table.values()):
-        rows = [row for row in table.values() if row.unit == unit]
-        words.append(f"{rough(sum(row.n * row.mean for row in rows) / max(sum(row.n for row in rows), 1))} {unit}")
-    return " and ".join(words) or "0 mm"
-
-
-def _headline(calibration: FitResult) -> str:
-    before, after = means(calibration.before), means(calibration.after)
-    tested = calibration.test[1] if calibration.test else {}
-    test = f" ({means(tested)} on test poses, which were not fitted)" if tested else ""
-    return f"The {wording_of(calibration.data).one}s lay {before} off on average; after calibration {after}{test}."
 
 
 def _good(calibration: FitResult) -> Iterator[Sentence]:

@@ -18,6 +18,7 @@ from urdfcal.estimation.identifiability import Combination, correlated_groups
 from urdfcal.model.dh import DhRow
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
+from urdfcal.output.text.headline import headline
 from urdfcal.output.text.instruments import (
     frame_entries,
     length_entries,
@@ -106,7 +107,7 @@ def calibration_blocks(calibration: FitResult, accuracy: Iterable[RenderableType
     if calibration.test_trimmed:
         tables.append(("test, trimmed", *calibration.test_trimmed))
     return [
-        *verdict_blocks(verdict_of(calibration)),
+        *verdict_blocks(verdict_of(calibration), headline(calibration)),
         *accuracy,
         "",
         _headline(calibration),
@@ -198,6 +199,7 @@ def calibration_json(calibration: FitResult) -> dict[str, Any]:
     verdict = verdict_of(calibration)
     return {
         "verdict": verdict.entry(),
+        "headline": headline(calibration),
         "tool": verdict.tool.entry() if calibration.tool and verdict.tool is not None else None,
         "converged": calibration.converged,
         "stop": calibration.stop_reason,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import MM, Matrix
+from urdfcal.base.minus import with_minus
 from urdfcal.base.rotations import skew
 from urdfcal.base.terminal import displayed, figures_table, rounded, titled, value_and_sigma
 from urdfcal.calibration.analysis.sag import SagFit
@@ -128,7 +129,7 @@ def sag_blocks(sag: SagFit, written: str = "") -> list[RenderableType]:
         sag: The joint fit.
         written: The compensation that was written, if one was.
     """
-    blocks: list[RenderableType] = ["", f"Sag: {sag_words(sag)}"]
+    blocks: list[RenderableType] = ["", f"Sag: {with_minus(sag_words(sag))}"]
     if sag.dropped:
         blocks.append(f"left out, since the data do not ask for it: {', '.join(sag.dropped)}")
     blocks += _extras_told(sag)

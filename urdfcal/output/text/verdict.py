@@ -17,10 +17,15 @@ FIGURES = ("median", "95 %", "worst")
 PREDICTED = "Predicted error over the workspace, in mm"
 
 
-def verdict_blocks(verdict: Verdict) -> list[RenderableType]:
-    """For a terminal: the verdict with its reasons, the predicted accuracy, and what would help."""
-    blocks: list[RenderableType] = [f"Verdict: {verdict.summary}{':' if verdict.reasons else ''}"]
-    blocks += [f"  {reason}" for reason in verdict.reasons]
+def verdict_words(verdict: Verdict) -> str:
+    """`Verdict: can be used`, first in the terminal and in every report."""
+    return f"Verdict: {verdict.summary}"
+
+
+def verdict_blocks(verdict: Verdict, headline: str = "") -> list[RenderableType]:
+    """For a terminal: the verdict with its reasons, how far off readings were and are, the predicted accuracy, and what would help."""
+    blocks: list[RenderableType] = [f"{verdict_words(verdict)}{':' if verdict.reasons else ''}"]
+    blocks += [*(f"  {reason}" for reason in verdict.reasons), *([headline] if headline else [])]
     if verdict.advice:
         blocks += ["What would help:", *(f"  {advice}" for advice in verdict.advice)]
     if verdict.tool is not None:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.base.geometry import Matrix
+from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.base.terminal import displayed
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import INSTRUMENTS, Parameter
-from urdfcal.output.report.plots.svg import BAND, DASHES, INK, MARKERS, SERIES, WIDE, Picture, draw_picture, sane
+from urdfcal.output.report.plots.axes import DASHES, Axes, Look
+from urdfcal.output.report.plots.marks import DOT, RING
+from urdfcal.output.report.plots.svg import Picture, draw_picture, look_of, row_ends, row_height, sane
 from urdfcal.output.text.instruments import first_kind
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 _MOST_SWEEPS = 200
 _FEW_SWEEPS = 40
@@ -46,17 +43,38 @@ def convergence_pictures(calibration: FitResult) -> list[Picture]:
     """The estimates against the sweep; (a) to (d) are the paper's panels, mount and screen have their own; and the residual."""
     history, parameters = calibration.estimate.history, calibration.errors.parameters
     kept = _kept(len(history))
-    states = np.array([history[sweep].x for sweep in kept])
+    states, numbers = np.array([history[sweep].x for sweep in kept]), frame_numbers(parameters)
     found = []
     for title, columns in _panels(parameters).items():
         unit, size = displayed(parameters[columns[0]].unit)
-        names = [_short(parameters[column], title) for column in columns]
-        caption = f"Estimates after each sweep, in {unit}"
-        caption += ", against the start in closed form." if parameters[columns[0]].kind in INSTRUMENTS else "."
-        found.append(_history(title, caption, unit, kept, sane(states[:, columns] / size), names))
+        lines = _lines([parameters[column] for column in columns], title, numbers)
+        caption = "Against the start in closed form." if parameters[columns[0]].kind in INSTRUMENTS else ""
+        found.append(_history(title, caption, unit, kept, sane(states[:, columns] / size), lines))
     what, unit, size = first_kind(calibration)
     rms = sane(np.array([[history[sweep].residual_rms / size] for sweep in kept]))
-    return [*found, _history(f"RMS of {what}", "After each sweep.", unit, kept, rms, [""], log=True)] if rms.any() else found
+    return [*found, _history(f"RMS of {what}", "", unit, kept, rms, [("", Look("ink", DOT, "solid"))], log=True)] if rms.any() else found
+
+
+def frame_numbers(parameters: Sequence[Parameter]) -> dict[str, int]:
+    """A number for every joint and link with errors, by which all pictures have the same colour and mark for it; joints come first."""
+    joints = [_owner(parameter) for parameter in parameters if parameter.kind == "joint"]
+    return {name: number for number, name in enumerate(dict.fromkeys([*joints, *map(_owner, parameters)]))}
+
+
+def _owner(parameter: Parameter) -> str:
+    """`joint1` of `joint1.d_a`."""
+    return parameter.name.rpartition(".")[0]
+
+
+def _lines(parameters: Sequence[Parameter], title: str, numbers: Mapping[str, int]) -> list[tuple[str, Look]]:
+    """Label and look of each line of a panel: colour and mark are its frame's, the dash tells the frame's parameters apart."""
+    found, own = [], dict[str, int]()
+    for parameter in parameters:
+        colour, mark = look_of(numbers[_owner(parameter)])
+        dash = own[_owner(parameter)] = own.get(_owner(parameter), -1) + 1
+        label = _short(parameter, title) if len(parameters) <= _MOST_NAMED else ""
+        found.append((label, Look(colour, mark, DASHES[dash % len(DASHES)], 1.2)))
+    return found
 
 
 def value_pictures(calibration: FitResult) -> list[Picture]:
@@ -67,9 +85,11 @@ def value_pictures(calibration: FitResult) -> list[Picture]:
         rows = [row for row, parameter in own if parameter.unit == unit_si and parameter.kind not in INSTRUMENTS]
         if rows:
             unit, _ = displayed(unit_si)
-            caption = f"Estimates with 95 % intervals, in {unit}; the band is the prior's. Hollow: not determined by the data."
-            title, height = f"{noun} and their sigmas", 0.8 + 0.2 * len(rows)
-            found.append(draw_picture("parameters", title, caption, height, _Values(calibration, rows).draw, WIDE))
+            title, caption = f"{noun} and their sigmas", f"Estimates with 95 % intervals, in {unit}; the band is the prior's."
+            caption += (
+                " Hollow: not determined by the data." if not all(calibration.identifiability.determined[row] for row in rows) else ""
+            )
+            found.append(draw_picture("parameters", title, caption, row_height(len(rows)), _Values(calibration, rows).draw))
     return found
 
 
@@ -105,40 +125,18 @@ def _short(parameter: Parameter, title: str) -> str:
 
 
 def _history(
-    title: str, caption: str, unit: str, sweeps: Sequence[int], values: Matrix, names: Sequence[str], log: bool = False
+    title: str, caption: str, unit: str, sweeps: Sequence[int], values: Matrix, lines: Sequence[tuple[str, Look]], log: bool = False
 ) -> Picture:
     def draw(axes: Axes) -> None:
-        for index, (name, line) in enumerate(zip(names, values.T, strict=True)):
-            few = len(sweeps) <= _FEW_SWEEPS
-            look: Any = {"marker": MARKERS[index % len(MARKERS)]} if few else {"linestyle": DASHES[index % len(DASHES)]}
-            axes.plot(sweeps, line, **look, color=SERIES[index % len(SERIES)], label=name.lstrip("_") or "_none")
-        axes.set(xlabel="sweep", ylabel=unit)
+        for (label, look), line in zip(lines, values.T, strict=True):
+            axes.points(np.array(sweeps), line, look, label)
+        axes.x_label, axes.y_label, axes.whole = "sweep", f"in {unit}", True
         if log and 0 < 10 * np.nanmin(values, initial=np.inf) < np.nanmax(values, initial=0.0):
-            _logarithmic(axes)
-        _count_sweeps(axes, len(sweeps))
+            axes.y_kind, axes.y_ends = "log", (0.8 * float(np.nanmin(values)), 1.25 * float(np.nanmax(values)))
+        many = sweeps[-1] >= _FEW_SWEEPS
+        axes.x_kind, axes.x_ends = ("symlog" if many else "linear"), (0.0 if many else -0.3, max(sweeps[-1], 1) * 1.03)
 
-    names = names if len(names) <= _MOST_NAMED else ["_none"] * len(names)
-    return draw_picture("convergence", title, caption, 2.9, draw)
-
-
-def _logarithmic(axes: Axes) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _count_sweeps(axes: Axes, sweeps: int) -> None:
-    from matplotlib.ticker import FuncFormatter, MaxNLocator
-
-    if sweeps <= _FEW_SWEEPS:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    else:
-        axes.set_xscale("symlog", linthresh=1)
-        axes.set_xlim(left=0)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    return draw_picture("convergence", title, caption, 130, draw)
 
 
 @dataclass(frozen=True)
@@ -153,14 +151,20 @@ class _Values:
         prior, mean = sane(errors.sigma[self.rows] / size), errors.mean[self.rows] / size
         seen = np.array(self.calibration.identifiability.determined)[self.rows]
         interval = _INTERVAL * np.where(seen, sigma, 0.0)
-        low, high = np.nanmin(value - interval, initial=0.0), np.nanmax(value + interval, initial=1e-9)
-        axes.barh(place, 2 * _INTERVAL * prior, left=mean - _INTERVAL * prior, height=0.8, color=BAND)
-        for flag, face in ((True, SERIES[0]), (False, "none")):
-            own = seen == flag
-            error = _INTERVAL * sigma[own]
-            axes.errorbar(value[own], place[own], xerr=error, fmt="o", color=SERIES[0], markerfacecolor=face, markersize=3.5, capsize=2.5)
-        axes.axvline(0, color=INK, linewidth=0.8)
-        axes.set_yticks(place, [errors.names[row] for row in self.rows], fontsize=9.5)
-        axes.set(xlabel=unit, ylim=(place[-1] - 0.8, 0.8))
-        axes.set_xlim(low - 0.06 * (high - low), high + 0.06 * (high - low))
-        axes.grid(False, axis="y")
+        low, high = float(np.nanmin(value - interval, initial=0.0)), float(np.nanmax(value + interval, initial=1e-9))
+        axes.x_ends = (low - 0.06 * (high - low), high + 0.06 * (high - low))
+        axes.bars(mean - _INTERVAL * prior, mean + _INTERVAL * prior, place, "band")
+        axes.across(x=0.0)
+        self._draw_intervals(axes, place, value, _INTERVAL * sigma)
+        axes.rows = [errors.names[row] for row in self.rows]
+        axes.x_label, axes.y_ends = f"in {unit}", row_ends(len(self.rows))
+
+    def _draw_intervals(self, axes: Axes, place: Vector, value: Vector, half: Vector) -> None:
+        """Each in the colour of its joint; a flat end is a short upright line."""
+        numbers, end = frame_numbers(self.calibration.errors.parameters), 0.25 * np.array([0, 0, np.nan, 1, -1, np.nan, 1, -1])
+        for row, at, middle, far in zip(self.rows, place, value, half, strict=True):
+            colour, _ = look_of(numbers[_owner(self.calibration.errors.parameters[row])])
+            steps = np.array([-1, 1, np.nan, -1, -1, np.nan, 1, 1])
+            axes.points(middle + far * steps, at + end, Look(colour, dash="solid", width=1.2))
+            known = self.calibration.identifiability.determined[row]
+            axes.points(np.array([middle]), np.array([at]), Look(colour, DOT if known else RING))

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from urdfcal.base.geometry import Vector
+from urdfcal.output.report.plots.axes import DASHES, Axes, Look
 from urdfcal.output.report.plots.maps import MOST_NAMED, thinned_rows
-from urdfcal.output.report.plots.svg import DASHES, INK, MARKERS, SANE, SERIES, WIDE, Picture, draw_picture
-from urdfcal.output.report.residuals import Residuals
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+from urdfcal.output.report.plots.marks import OPEN
+from urdfcal.output.report.plots.svg import SANE, Picture, draw_picture, look_of
+from urdfcal.output.report.residuals import Residuals, numbered
 
 _FAR = 6  # times the median size: what lies beyond shares the last bin
 _MOST_MARKS = 1500  # in all pictures of components together
@@ -24,24 +21,27 @@ _LEAST_MARKS = 40
 
 def size_pictures(sets: Sequence[Residuals]) -> list[Picture]:
     """How often which size of residual occurs before and after, each kind of reading on its own."""
-    return [picture for kind in dict.fromkeys(own.sensor.noise for own in sets) for picture in _sizes_of_kind(kind, sets)]
+    kinds, numbers = dict.fromkeys(own.sensor.noise for own in sets), numbered(sets)
+    return [picture for kind in kinds for picture in _sizes_of_kind(kind, sets, numbers)]
 
 
-def _sizes_of_kind(kind: str, sets: Sequence[Residuals]) -> list[Picture]:
+def _sizes_of_kind(kind: str, sets: Sequence[Residuals], numbers: Mapping[str, int]) -> list[Picture]:
     fitted, tested = ([own for own in sets if (own.sensor.noise, own.label) == (kind, label)] for label in ("fit", "test"))
     noun, found = (fitted or tested)[0].sensor.words.several, []
     noun = noun[0].upper() + noun[1:]
     if fitted:
         sizes = [own.before_size for own in fitted]
-        found.append(_histogram(f"{noun} before calibration", "Fitted poses, nominal robot.", fitted, sizes, noise=False))
+        found.append(_histogram(f"{noun} before", "Fitted poses, nominal robot.", fitted, sizes, numbers, noise=False))
     for label, shown in (("fit", fitted), ("test", tested)):
         if shown:
-            title, text = f"{noun} after calibration, {label} poses", "The line is what noise alone would show."
-            found.append(_histogram(title, text, shown, [own.after_size for own in shown], noise=True))
+            title, text = f"{noun} after, {label} poses", "The line is what noise alone would show."
+            found.append(_histogram(title, text, shown, [own.after_size for own in shown], numbers, noise=True))
     return found
 
 
-def _histogram(title: str, caption: str, shown: Sequence[Residuals], sizes: Sequence[Vector], noise: bool) -> Picture:
+def _histogram(
+    title: str, caption: str, shown: Sequence[Residuals], sizes: Sequence[Vector], numbers: Mapping[str, int], noise: bool
+) -> Picture:
     kept = [size[np.isfinite(size) & (size < SANE)] for size in sizes]
     together = np.concatenate(kept)
     edges = size_bins(together)
@@ -52,16 +52,15 @@ def _histogram(title: str, caption: str, shown: Sequence[Residuals], sizes: Sequ
 
     def draw(axes: Axes) -> None:
         for index, (own, count) in enumerate(zip(shown, counts, strict=True)):
-            colour, label = SERIES[index % len(SERIES)], own.name if len(shown) <= MOST_NAMED else "_none"
-            axes.stairs(count, edges, fill=True, color=colour, alpha=0.18)
-            axes.stairs(count, edges, color=colour, linestyle=DASHES[index % 4], linewidth=1.4, label=label)
+            look = Look(look_of(numbers[own.name])[0], dash=DASHES[index % len(DASHES)])
+            axes.steps(count, edges, look, own.name if 1 < len(shown) <= MOST_NAMED else "")
         if noise and len(together):
-            axes.plot(*_noise_alone(shown, edges, len(together) / sum(len(size) > 0 for size in kept)), color=INK, label="noise alone")
-        axes.locator_params(axis="x", nbins=6)
-        axes.set(xlabel=f"{words.apart} from measured to predicted in {words.unit}")
-        axes.set(ylabel="readings", xlim=(0, edges[-1]), ylim=(0, 1.25 * max(1, *(int(count.max()) for count in counts), 1)))
+            alone = _noise_alone(shown, edges, len(together) / sum(len(size) > 0 for size in kept))
+            axes.points(*alone, Look("ink", dash="solid", width=1.1), "noise alone")
+        axes.x_label, axes.y_label = f"{words.apart} from measured to predicted in {words.unit}", "readings"
+        axes.x_ends, axes.y_ends = (0.0, float(edges[-1])), (0.0, 1.25 * max(1, *(int(count.max()) for count in counts), 1))
 
-    return draw_picture("histograms", title, caption, 2.8, draw)
+    return draw_picture("histograms", title, caption, 120, draw)
 
 
 def size_bins(sizes: Vector) -> Vector:
@@ -84,20 +83,20 @@ def _noise_alone(shown: Sequence[Residuals], edges: Vector, readings: float) -> 
 def component_pictures(sets: Sequence[Residuals]) -> list[Picture]:
     """What is left of each reading's numbers after calibration, against the pose: drifts and jumps show here."""
     most = max(_MOST_MARKS // max(sum(own.sensor.numbers for own in sets), 1), _LEAST_MARKS)
-    return [_components(own, most) for own in sets]
+    numbers = numbered(sets)
+    return [_components(own, most, numbers[own.name]) for own in sets]
 
 
-def _components(own: Residuals, most: int) -> Picture:
+def _components(own: Residuals, most: int, number: int) -> Picture:
     sizes, names = own.after_size, own.sensor.components
     rows = np.sort(thinned_rows(np.flatnonzero(np.isfinite(sizes) & (sizes < SANE)), sizes, most))
 
     def draw(axes: Axes) -> None:
         for index, column in enumerate(own.after[rows].T):
-            label = names[index] if names else "_none"
-            axes.plot(own.rows[rows] + 1, column, MARKERS[index], color=SERIES[index], markersize=2.6, linewidth=0, label=label)
-        axes.axhline(0, color=INK, linewidth=0.8)
-        axes.set(xlabel=f"{own.label} pose, in the file's order", ylabel=f"residual in {own.unit}")
+            look = Look(look_of(number)[0], OPEN[index], size=4.0 if index else 3.4)
+            axes.points(np.asarray(own.rows[rows] + 1.0), np.asarray(column), look, names[index] if names else "")
+        axes.across(y=0.0)
+        axes.x_label, axes.y_label, axes.whole = f"{own.label} pose, in the file's order", f"residual in {own.unit}", True
 
-    caption = "Measured less predicted by the calibrated robot, number by number."
-    caption += f" Of {len(own.rows)} the worst and others of every size are drawn." if len(rows) < len(own.rows) else ""
-    return draw_picture("components", f"{own.name}: residuals of {own.label} poses after calibration", caption, 2.8, draw, WIDE)
+    caption = f"Of {len(own.rows)} the worst and others of every size are drawn." if len(rows) < len(own.rows) else ""
+    return draw_picture("components", f"{own.name}, {own.label} poses", caption, 120, draw)

@@ -1,4 +1,4 @@
-"""What a report calls things: laser spots on a screen have words of their own."""
+"""What people are told things are called: laser spots on a screen have words of their own."""
 
 from __future__ import annotations
 
