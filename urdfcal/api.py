@@ -35,7 +35,8 @@ from urdfcal.robot.corrections import Applicable
 from urdfcal.robot.robot import Robot, load_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.in_memory import measurements_from
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
 
 if TYPE_CHECKING:

@@ -275,7 +275,7 @@ class Measurements:
         return f"pose {self.poses[pose]}"
 
 
-def measurements_from(
+def spots_measured(
     robot: Robot,
     q: npt.ArrayLike,
     spots: npt.ArrayLike,

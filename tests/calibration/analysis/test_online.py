@@ -22,7 +22,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.spots import beams_at
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 from urdfcal.simulation.truth import random_truth
@@ -211,7 +211,7 @@ def test_a_long_history_is_kept_whole(robots: dict[str, Robot], rng: np.random.G
     monkeypatch.setattr(online, "CHUNK", 2)
     robot = robots["panda"]
     data = some_poses(robot, rng, 9)
-    stated = measurements_from(robot, data.q, data.spots, sigma=rng.uniform(1e-4, 1e-3, (9, 2)))
+    stated = spots_measured(robot, data.q, data.spots, sigma=rng.uniform(1e-4, 1e-3, (9, 2)))
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE)
     take(calibrator, stated)
     for name in ("q", "spots", "sigma", "poses"):
@@ -271,5 +271,5 @@ def test_limits_without_room_want_a_workspace() -> None:
         OnlineCalibrator(robot, spot_sigma=NOISE)
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE, workspace=poses)
     spots = beams_at(calibrator.errors, calibrator.errors.mean, poses).spots
-    states = take(calibrator, measurements_from(robot, poses, spots))
+    states = take(calibrator, spots_measured(robot, poses, spots))
     assert states[-1].tool_sigma_mm > 0

@@ -32,7 +32,7 @@ from urdfcal.model.jacobian import CHUNK
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.registry import start_sigma_of
 from urdfcal.sensors.repeats import read_again
 from urdfcal.sensors.stated_noise import joint_sigmas, stating_kinds
@@ -323,7 +323,7 @@ class _History:
     def measurements(self) -> Measurements:
         n = self.count
         labels = self.labels[:n].tolist()
-        return measurements_from(self.robot, self.q[:n].copy(), self.spots[:n].copy(), sigma=self.sigma[:n].copy(), poses=labels)
+        return spots_measured(self.robot, self.q[:n].copy(), self.spots[:n].copy(), sigma=self.sigma[:n].copy(), poses=labels)
 
 
 def _misfit_of(model: Problem, found: Estimate) -> Misfit:
@@ -346,7 +346,7 @@ def _one_pose(robot: Robot, q: npt.ArrayLike, spots: npt.ArrayLike, sigma: npt.A
     expected = (len(robot.rig.lasers), 2)
     if places.shape != expected:
         raise ShapeMismatch(f"the spots of one pose have shape (lasers, 2) = {expected}, found {places.shape}")
-    return measurements_from(robot, np.asarray(q, dtype=float)[None], places[None], sigma=stated, poses=[str(number)])
+    return spots_measured(robot, np.asarray(q, dtype=float)[None], places[None], sigma=stated, poses=[str(number)])
 
 
 def _check(spot_sigma: float | None, target_mm: float | None, gate: bool) -> None:
