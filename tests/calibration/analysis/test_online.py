@@ -183,7 +183,7 @@ def test_poses_without_spots_change_nothing(robots: dict[str, Robot], rng: np.ra
     robot = robots["panda"]
     data = some_poses(robot, rng, 4)
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE)
-    with pytest.raises(UsageError, match="no pose with a spot"):
+    with pytest.raises(UsageError, match="no pose with a reading"):
         calibrator.calibration()
     before = take(calibrator, data)[-1]
     blind = calibrator.update(data.q[0], np.full((2, 2), np.nan))
@@ -243,7 +243,7 @@ def test_understated_spots_do_not_promise_too_much(robots: dict[str, Robot], rng
     for q, spots in zip(data.q, data.spots, strict=True):
         usual.update(q, spots)
         stating.update(q, spots, np.full(2, 1e-4))
-    assert stating.state.extra_noise_mm == pytest.approx(1.0, rel=0.2)
+    assert stating.state.extra_noise["spot"] == pytest.approx(1e-3, rel=0.2)
     assert stating.state.tool_sigma_mm == pytest.approx(usual.state.tool_sigma_mm, rel=0.2)
     assert not stating.state.enough
     batch = stating.calibration()
@@ -260,7 +260,7 @@ def test_a_gate_does_not_lock_itself_out(robots: dict[str, Robot], rng: np.rando
     for q, spots in zip(data.q, data.spots, strict=True):
         online.update(q, spots, np.full(2, 1e-4))
     assert online.state.poses > 30
-    assert online.state.extra_noise_mm == pytest.approx(1.0, rel=0.3)
+    assert online.state.extra_noise["spot"] == pytest.approx(1e-3, rel=0.3)
 
 
 def test_limits_without_room_want_a_workspace() -> None:
