@@ -14,7 +14,21 @@ import pytest
 from tests.support.paths import ROOT
 
 PACKAGE = ROOT / "urdfcal"
-FLOORS = ("base", "estimation", "robot", "model", "sensors", "calibration", "simulation", "vision", "output", "api", "cli", "__main__")
+FLOORS = (
+    "base",
+    "estimation",
+    "robot",
+    "model",
+    "sensors",
+    "calibration",
+    "simulation",
+    "planning",
+    "vision",
+    "output",
+    "api",
+    "cli",
+    "__main__",
+)
 FILES = {path.relative_to(PACKAGE.parent).with_suffix("").as_posix().replace("/", "."): path for path in sorted(PACKAGE.rglob("*.py"))}
 MODULES = {name: path for name, path in FILES.items() if path.name != "__init__.py"}
 

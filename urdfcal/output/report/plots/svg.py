@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from urdfcal.base.geometry import Matrix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, FigureBase
 
 
 INK, LINE, BAND = "#000a01", "#000a02", "#000a03"  # stand-ins: the page says what they are
@@ -63,13 +64,35 @@ class Picture:
         gallery: Where in the report it stands.
         title: What it shows.
         caption: How it is to be read.
-        svg: The drawing.
+        draw: Draws it.
+        height, width: Of the drawing, [inches].
     """
 
     gallery: str
     title: str
     caption: str
-    svg: str
+    draw: Callable[[Axes], None]
+    height: float
+    width: float
+
+    @cached_property
+    def svg(self) -> str:
+        """The drawing for a page."""
+        from matplotlib.figure import Figure
+
+        with house_style():
+            figure = Figure(figsize=(self.width, self.height), layout="constrained")
+            self.draw_on(figure)
+            return _svg(figure, self.title, self.caption)
+
+    def draw_on(self, figure: FigureBase) -> None:
+        """Draw it on an empty figure, or a part of one; what has a label gets a legend below."""
+        axes = figure.subplots()
+        self.draw(axes)
+        handles, labels = axes.get_legend_handles_labels()
+        if handles:
+            columns = _columns(labels, self.width)
+            figure.legend(handles, labels, loc="outside lower center", ncols=columns, handlelength=1.6, columnspacing=1.2)
 
 
 @contextmanager
@@ -85,16 +108,8 @@ def house_style() -> Iterator[None]:
 
 
 def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Callable[[Axes], None], width: float = NARROW) -> Picture:
-    """One picture with one pair of axes; what has a label gets a legend below."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots()
-    draw(axes)
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=_columns(labels, width), handlelength=1.6, columnspacing=1.2)
-    return Picture(gallery, title, caption, _svg(figure, title, caption))
+    """One picture with one pair of axes."""
+    return Picture(gallery, title, caption, draw, height, width)
 
 
 def _columns(labels: Sequence[str], width: float) -> int:
