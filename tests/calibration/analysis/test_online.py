@@ -13,7 +13,7 @@ from tests.support.helpers import tool_sigma
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import OnlineCalibrator, fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
-from urdfcal.calibration.analysis import online
+from urdfcal.calibration.analysis import arrivals
 from urdfcal.calibration.analysis.online import OnlineState
 from urdfcal.calibration.analysis.prediction import spot_sigma
 from urdfcal.calibration.reach import draw_poses
@@ -208,7 +208,7 @@ def test_the_calibration_is_a_batch_fit(robots: dict[str, Robot], rng: np.random
 
 def test_a_long_history_is_kept_whole(robots: dict[str, Robot], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Poses beyond the room first made for them are kept as they were given."""
-    monkeypatch.setattr(online, "CHUNK", 2)
+    monkeypatch.setattr(arrivals, "CHUNK", 2)
     robot = robots["panda"]
     data = some_poses(robot, rng, 9)
     stated = spots_measured(robot, data.q, data.spots, sigma=rng.uniform(1e-4, 1e-3, (9, 2)))

@@ -15,45 +15,40 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import FitRejected, RigError, ShapeMismatch, UsageError, no_such
+from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.base.terminal import rounded
+from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.begin import start_of, with_scale
-from urdfcal.calibration.start.nominal import NominalFit, nominal_fit
+from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.chi_squared import chi_squared_gate
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, update
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import CHUNK
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.in_memory import is_table, measurements_from
-from urdfcal.sensors.joined import joined
 from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
 from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
-from urdfcal.sensors.repeats import read_again
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_for, noise_of, states_all, stating_kinds
 
-WORKSPACE = 50  # configurations over which accuracy is predicted
 _STALE = 1.0  # [sigmas] by which the mean may move before the history is linearised afresh
 _REST = 1e-3  # [sigmas] the last step of doing so
 _GROWTH = 1.5  # and by how much the history may grow
@@ -177,13 +172,13 @@ class OnlineCalibrator:
         self._gated, self._joint_sigma, self._tool, self._asked_for = gate, joint_sigma, tool, workspace
         self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards}
         self._rng = rng or np.random.default_rng(0)
-        self._history, self._waiting = _History(), list[tuple[int, Measurements]]()
+        self._history, self._waiting = History(), list[tuple[int, Measurements]]()
         self._extra: dict[str, float] = {}
         self._skipped, self._taken = 0, 0
         self._misfit: Misfit | None = None
-        self._seen: _Seen | None = None
+        self._seen: Seen | None = None
         self._state: OnlineState | None = None
-        if (nothing := _no_spots(robot)) is not None:
+        if (nothing := no_spots(robot)) is not None:
             self._look_at(nothing, placed=True)
 
     @property
@@ -208,7 +203,7 @@ class OnlineCalibrator:
         return self._state
 
     @property
-    def _seeing(self) -> _Seen:
+    def _seeing(self) -> Seen:
         if self._seen is None:
             raise UsageError("no pose was taken yet; what is calibrated follows from what is read, since the robot has no lasers")
         return self._seen
@@ -326,13 +321,13 @@ class OnlineCalibrator:
         """A pose that shows what was not seen before: into the belief with all that waits as soon as it can be placed."""
         self._waiting.append((self._taken, pose))
         if not self._history.count:
-            self._history = _History()  # without the lasers that were expected
-        every = _in_order([*self._history.parts, *self._waiting])
+            self._history = History()  # without the lasers that were expected
+        every = in_order([*self._history.parts, *self._waiting])
         if not self._history.count:
             self._look_at(every, placed=False)
         try:
             found = self._settled(every, new=True)
-        except _NotYet as told:
+        except NotYet as told:
             self._state = replace(self.state, waiting=str(told), skipped="", relinearised=False)
             return
         if found is None:
@@ -379,13 +374,13 @@ class OnlineCalibrator:
         self._mark(errors.mean)
         self._state = self._state_of(Belief.independent(errors.mean, errors.sigma), noise)
 
-    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: bool = True) -> _Seen:
+    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: bool = True) -> Seen:
         """The same with tool, workspace and views, which stay as long as the robot is seen so."""
         if self._seen is not None and self._seen.robot == robot:
             return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
         tool = default_tool(robot) if self._tool is None else self._tool
         workspace = _anywhere(robot, self._rng) if self._asked_for is None else self._asked_for
-        return _Seen(robot, errors, data.kinds, tool, workspace, _poses_on_screen(robot, errors, self._rng), placed)
+        return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
 
     def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had.
@@ -395,13 +390,13 @@ class OnlineCalibrator:
             new: Whether something in it was not placed yet.
 
         Raises:
-            _NotYet: says what it takes to place it.
+            NotYet: says what it takes to place it.
         """
         robot, errors = self._model_of(data)
         if new:
             self._require_enough(errors)
         noise = self._noise_of(data)
-        nominal = _placed(errors, data, noise)
+        nominal = placed_instruments(errors, data, noise)
         extra, model = self._extra, problem_of(nominal.errors, widened(data, self._extra), noise)
         found = self._batch(model, self._starts(nominal, data, noise), noise)
         if found.converged and stating_kinds(data) and (extra or _worst(model, found).sigmas > MORE):
@@ -420,7 +415,7 @@ class OnlineCalibrator:
         """Refuse to place what was read too little of.
 
         Raises:
-            _NotYet: says how much there is.
+            NotYet: says how much there is.
         """
         known = set(self.errors.names) if self._history.numbers else set()
         new = [parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS and parameter.name not in known]
@@ -429,7 +424,7 @@ class OnlineCalibrator:
         if numbers < needed or (wide and len(self._waiting) < _LEAST_POSES):
             what = ", ".join(dict.fromkeys(parameter.name.rpartition(".")[0] for parameter in new))
             poses = f"{len(self._waiting)} {'pose waits' if len(self._waiting) == 1 else 'poses wait'}"
-            raise _NotYet(
+            raise NotYet(
                 f"{poses} until {what} can be placed: {numbers} numbers were read, it takes {needed} in {_LEAST_POSES} poses or more"
             )
 
@@ -508,122 +503,6 @@ class OnlineCalibrator:
         known = noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
         honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
         return replace(state, enough=self.target_mm is not None and known and honest and bool(len(self._history)) and tool < self.target_mm)
-
-
-class _NotYet(Exception):
-    """Something cannot be placed yet; says what it takes."""
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """The robot as the readings so far see it.
-
-    Attributes:
-        robot: With its instruments.
-        errors: The error model, with everything placed that is.
-        kinds: Of noise, in its order.
-        tool: Link whose accuracy is predicted.
-        workspace: Configurations over which it is, (n, inputs).
-        views: Poses with every beam on the screen, (n, inputs).
-        placed: Whether measuring frames, targets and places are where they were found.
-    """
-
-    robot: Robot
-    errors: ErrorModel
-    kinds: tuple[str, ...]
-    tool: str
-    workspace: Matrix
-    views: Matrix
-    placed: bool
-
-    def knows(self, pose: Measurements) -> bool:
-        """Whether a pose shows nothing but what was placed before."""
-        seen = pose.instruments
-        return (
-            self.placed
-            and pose.joints == self.robot.chain.input_names
-            and set(pose.session_names) <= set(self.errors.sessions)
-            and set(pose.kinds) <= set(self.kinds)
-            and set(pose.lasers) <= set(self.robot.rig.lasers)
-            and all(set(target.offset) <= self._offsets.get(target.name, set()) for target in seen.targets)
-            and {place.name for place in seen.places} <= self._places
-            and (self.robot.instruments.placed or not seen.placed)
-        )
-
-    @cached_property
-    def _offsets(self) -> dict[str, set[str]]:
-        return {target.name: set(target.offset) for target in self.robot.instruments.targets}
-
-    @cached_property
-    def _places(self) -> set[str]:
-        return {name.rpartition(".")[0] for name in (*self.errors.names, *self.errors.held)}
-
-
-class _History:
-    """All poses that the belief holds; joint positions in an array that grows by doubling."""
-
-    def __init__(self) -> None:
-        self.parts, self.count, self.numbers = list[tuple[int, Measurements]](), 0, 0
-        self._q = np.empty((0, 0))
-
-    def __len__(self) -> int:
-        return self.count
-
-    def holds(self, pose: Measurements) -> bool:
-        """Whether this is a further reading of a pose that is held."""
-        return bool(self.count) and read_again(self._q[: self.count], pose.q[0])
-
-    def add(self, number: int, poses: Measurements, again: bool) -> None:
-        """A pose, by the number in which it came; or a set without any, for what it would be of."""
-        self.parts.append((number, poses))
-        for q in poses.q:
-            if self.count == len(self._q):
-                old = self._q if self.count else np.empty((0, len(q)))
-                self._q = np.concatenate([old, np.empty((max(self.count, CHUNK), len(q)))])
-            self._q[self.count] = q
-            self.count += 1
-        self.numbers += 0 if again else poses.numbers
-
-    def measurements(self) -> Measurements:
-        if not self.parts:
-            raise UsageError("no pose was taken yet")
-        return _in_order(self.parts)
-
-
-def _in_order(parts: list[tuple[int, Measurements]]) -> Measurements:
-    """Poses in the order in which they came."""
-    return joined([part for _, part in sorted(parts, key=lambda part: part[0])])
-
-
-def _no_spots(robot: Robot) -> Measurements | None:
-    """No poses of a robot's lasers; None where it has none that could be read."""
-    try:
-        lasers = len(robot.rig.lasers)
-    except RigError:  # a tracker or a camera needs neither lasers nor a screen, and what is read will tell
-        return None
-    return spots_measured(robot, np.empty((0, len(robot.chain.inputs))), np.empty((0, lasers, 2)))
-
-
-def _poses_on_screen(robot: Robot, errors: ErrorModel, rng: np.random.Generator) -> Matrix:
-    none = np.empty((0, len(robot.chain.inputs)))
-    if not robot.rig.lasers:
-        return none
-    try:
-        return draw_poses(robot, errors, errors.mean, WORKSPACE, rng)
-    except UsageError:  # too rare to be found at random: the error of the spots stays unknown, that of the tool does not
-        return none
-
-
-def _placed(errors: ErrorModel, data: Measurements, noise: Noise) -> NominalFit:
-    """Everything that measures, where it suits the nominal robot best.
-
-    Raises:
-        _NotYet: it was seen or touched too seldom.
-    """
-    try:
-        return nominal_fit(errors, data, noise)
-    except UsageError as told:
-        raise _NotYet(str(told)) from None
 
 
 def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
