@@ -22,6 +22,7 @@ FLOORS = (
     "sensors",
     "calibration",
     "simulation",
+    "planning",
     "vision",
     "deploy",
     "output",
@@ -122,7 +123,6 @@ def words_of_sensors() -> set[str]:
 ASKS_BY_NAME = {
     "urdfcal.model.options": "priors in a file are in mm or deg",
     "urdfcal.calibration.rig_file": "the squares of a board are in mm or m",
-    "urdfcal.calibration.analysis.online": "knows no readings but spots",
     "urdfcal.cli.inputs": "--spot-sigma-mm is the spots' own",
     "urdfcal.vision.bench.beams": "columns of a bench are in mm or m",
     "urdfcal.output.view.screen": "a node of the scene is called so",

@@ -28,5 +28,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What there is, loaded or not."""
-    return sorted({*globals(), *__getattr__("__all__")})
+    """The public names, loaded or not, and no module or helper."""
+    return sorted(__getattr__("__all__"))

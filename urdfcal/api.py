@@ -13,8 +13,10 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, InputError, UrdfcalError, UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.base.terminal import as_text
 from urdfcal.base.version import __version__
 from urdfcal.calibration import fitting
+from urdfcal.calibration.analysis import check as analysis_check
 from urdfcal.calibration.analysis import online
 from urdfcal.calibration.analysis.compensation import load_compensation
 from urdfcal.calibration.analysis.sag import fit_sag
@@ -27,19 +29,29 @@ from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
 from urdfcal.output.calibration_yaml import calibration_yaml
+from urdfcal.output.cards import calibration_card, check_card
+from urdfcal.output.drawn import convergence_figure, residuals_figure, spots_figure
 from urdfcal.output.formats import Deployed
 from urdfcal.output.pairs import warn_if_mixed
+from urdfcal.output.report.files import write_report
 from urdfcal.output.stored import StoredCalibration, apply, read_calibration
+from urdfcal.output.text.check import check_blocks
 from urdfcal.output.text.result import text_report
+from urdfcal.planning.plan import PosePlan, plan_poses
 from urdfcal.robot.corrections import Applicable
 from urdfcal.robot.robot import Robot, with_text
 from urdfcal.robot.robot import load_robot as read_robot
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.in_memory import measurements_from
+from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
+from urdfcal.simulation.simulated import Simulation, simulate
 
 if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
     from urdfcal.output.view.viewer import View
     from urdfcal.sensors.camera import Camera
 
@@ -52,8 +64,11 @@ __all__ = [
     "Measurements",
     "ModelOptions",
     "OnlineCalibrator",
+    "PosePlan",
+    "Prediction",
     "PriorScale",
     "Robot",
+    "Simulation",
     "StoredCalibration",
     "UrdfcalError",
     "UsageError",
@@ -61,6 +76,7 @@ __all__ = [
     "XacroLimit",
     "__version__",
     "apply",
+    "check",
     "evaluate",
     "fit",
     "fit_sag",
@@ -70,12 +86,17 @@ __all__ = [
     "load_compensation",
     "load_robot",
     "measurements_from",
+    "plan",
+    "plan_poses",
     "read_measurements",
+    "simulate",
     "write_measurements",
 ]
 
 P = ParamSpec("P")
 T = TypeVar("T")
+
+plan = plan_poses
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,6 +113,9 @@ class Calibration(FitResult, Applicable):
         """May it be used? `.use` is `yes`, `reservations` or `no`, with its `.reasons`; what terminal, reports and exit code say."""
         return verdict_of(self)
 
+    def _repr_html_(self) -> str:
+        return calibration_card(self, self.verdict)
+
     def require_trustworthy(self) -> None:
         """Raise if the calibration must not be used.
 
@@ -103,6 +127,58 @@ class Calibration(FitResult, Applicable):
     def report(self, test: Measurements | None = None) -> str:
         """The result as text; with the spot errors of further poses, if given."""
         return text_report(self if test is None else with_test(self, test))
+
+    @property
+    def parameters(self) -> pandas.DataFrame:
+        """What was estimated, one row a parameter: kind, unit, value, sigma, prior_sigma, left (of the prior) and determined; SI.
+
+        Raises:
+            UsageError: pandas is not installed; `x`, `sigma` and `errors.names` are there without it.
+        """
+        from urdfcal.output.dataframes import parameters_frame
+
+        return parameters_frame(self)
+
+    def residuals(self) -> pandas.DataFrame:
+        """What is left of every number that was read, before and after: set, pose, reading, sensor, number, before, after, sigma, unit
+        and sigmas (length of the reading's residual in its own standard deviations); SI.
+
+        Raises:
+            UsageError: pandas is not installed.
+        """
+        from urdfcal.output.dataframes import residuals_frame
+
+        return residuals_frame(self)
+
+    def plot_spots(self) -> Figure:
+        """Where spots or targets were measured, and by arrows where the robot has them, before and after.
+
+        Raises:
+            UsageError: nothing was measured that has a place, as where only angles were.
+        """
+        return spots_figure(self)
+
+    def plot_residuals(self) -> Figure:
+        """How large residuals are beside what noise alone would show, and each number against the pose."""
+        return residuals_figure(self)
+
+    def plot_convergence(self) -> Figure:
+        """The estimates after each sweep, as in the paper's Fig. 4, and the RMS."""
+        return convergence_figure(self)
+
+    def write_report(self, path: str | Path, command: Sequence[str] = ()) -> None:
+        """Write the report, whole or not at all: `.html` is one self-contained page, `.md` the same without pictures, `.json` for machines.
+
+        Raises:
+            UsageError: the file has another ending, or cannot be written.
+        """
+        write_report(Path(path), self, command or sys.argv)
+
+    def to_latex(self) -> str:
+        """Tables for a paper: distances before and after, parameters with sigmas, and sums that are known alone; for booktabs."""
+        from urdfcal.output.latex import calibration_latex
+
+        return calibration_latex(self)
 
     def urdf(self) -> bytes:
         """The robot's text with corrected origins."""
@@ -145,6 +221,47 @@ class Calibration(FitResult, Applicable):
     def record(self, command: Sequence[str] = (), files: Mapping[str, str] | None = None) -> bytes:
         """The calibration as YAML; with the hashes of the files that are written with it, by their ways from its folder."""
         return calibration_yaml(self, command or sys.argv, files)
+
+
+@dataclass(frozen=True, repr=False)
+class Prediction(analysis_check.Check):
+    """What a fit of some measurements would determine, and how well: see `check`."""
+
+    @classmethod
+    def of(cls, found: analysis_check.Check) -> Prediction:
+        """The same, with what can be said of it."""
+        return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
+
+    @property
+    def parameters(self) -> pandas.DataFrame:
+        """One row a parameter: kind, unit, the sigma that a fit would claim, prior_sigma and determined; SI.
+
+        Raises:
+            UsageError: pandas is not installed; `sigma` and `errors.names` are there without it.
+        """
+        from urdfcal.output.dataframes import expected_frame
+
+        return expected_frame(self)
+
+    def report(self) -> str:
+        """All of it as text, as `urdfcal check` prints it."""
+        return as_text(check_blocks(self))
+
+    def _repr_html_(self) -> str:
+        return check_card(self)
+
+
+def _predicting(numeric: Callable[P, analysis_check.Check]) -> Callable[P, Prediction]:
+    """The same call, whose result can be reported and shown."""
+
+    @wraps(numeric)
+    def predicted(*arguments: P.args, **options: P.kwargs) -> Prediction:
+        return Prediction.of(numeric(*arguments, **options))
+
+    return predicted
+
+
+check = _predicting(analysis_check.check)
 
 
 def _calibrating(numeric: Callable[P, FitResult]) -> Callable[P, Calibration]:

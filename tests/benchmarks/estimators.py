@@ -27,7 +27,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.simulation.paper import JOINT_NOISE, SPOT_NOISE, paper_poses, paper_truth
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
@@ -74,7 +74,7 @@ def one_set(robot: urdfcal.Robot, errors: ErrorModel, seed: int) -> dict[str, Ru
     noise = SimulatedNoise(SPOT_NOISE, JOINT_NOISE, "uniform")
     data = simulate(robot, errors, truth, paper_poses(robot, errors, truth, rng), rng, noise)
     q = paper_poses(robot, errors, truth, rng)
-    unseen = measurements_from(robot, q, true_spots(robot, errors, truth, q))
+    unseen = spots_measured(robot, q, true_spots(robot, errors, truth, q))
     runs, first = {}, None
     for label, how in FITS.items():
         begun = time.perf_counter()

@@ -21,7 +21,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot, load_robot
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +57,7 @@ def held_out(robot: Robot, seed: int, poses: int, kind: str, arms: list[np.ndarr
     truth = truth_of(kind, six, arms, rng)
     q = draw_poses(robot, six, truth, poses + 200, rng)
     data = simulate(robot, six, truth, q[:poses], rng, SimulatedNoise(1e-3))
-    unseen = measurements_from(robot, q[poses:], true_spots(robot, six, truth, q[poses:]))
+    unseen = spots_measured(robot, q[poses:], true_spots(robot, six, truth, q[poses:]))
     rms = []
     for evidence in (False, True):
         found = fit(robot, data, evidence=evidence, gated=False)

@@ -33,7 +33,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 Array = npt.NDArray[np.float64]
@@ -118,9 +118,7 @@ def drawn(study: Study, model: str, rng: np.random.Generator) -> Simulated:
         except UsageError:
             continue  # the beams of this robot hardly ever meet this screen
         data = simulate(robot, errors, truth, q[: study.poses], rng, SimulatedNoise(SPOT, study.joint))
-        return Simulated(
-            errors, truth, data, measurements_from(robot, q[study.poses :], true_spots(robot, errors, truth, q[study.poses :]))
-        )
+        return Simulated(errors, truth, data, spots_measured(robot, q[study.poses :], true_spots(robot, errors, truth, q[study.poses :])))
 
 
 def normalised(error: Array, covariance: Array) -> float:

@@ -21,7 +21,7 @@ from urdfcal.base.geometry import MM
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.robot.robot import Robot, load_robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 from urdfcal.simulation.truth import random_truth
 
@@ -90,7 +90,7 @@ def main() -> None:
             model, truth = random_truth(robot, rng, 5e-3, np.radians(0.5))
             q = draw_poses(robot, model, truth, arguments.poses + 200, rng)
             data = simulate(robot, model, truth, q[: arguments.poses], rng, SimulatedNoise(1e-3))
-            unseen = measurements_from(robot, q[arguments.poses :], true_spots(robot, model, truth, q[arguments.poses :]))
+            unseen = spots_measured(robot, q[arguments.poses :], true_spots(robot, model, truth, q[arguments.poses :]))
             clean = held_out(robot, data, unseen, **FITS["ekf, no gate"])
             cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {
                 "10% swapped": with_swapped(data, 0.1, rng),

@@ -26,7 +26,7 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import Kind, PriorScale
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import simulate_readings, true_spots
 from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
 
@@ -71,7 +71,7 @@ def spots(poses: int, rng: np.random.Generator) -> Simulated:
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(priors=PRIORS))
     x = rng.normal(errors.mean, errors.sigma)
     q = draw_poses(robot, errors, x, poses + UNSEEN, rng)
-    seen = measurements_from(robot, q, true_spots(robot, errors, x, q))
+    seen = spots_measured(robot, q, true_spots(robot, errors, x, q))
     rows = np.arange(len(q))
     return Simulated(robot, dict(zip(errors.names, x.tolist(), strict=True)), seen.subset(rows < poses), seen.subset(rows >= poses))
 

@@ -39,7 +39,7 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.robot.configurations import joint_limits, whole_configurations
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS as HOW
 from urdfcal.sensors.sensor import View
@@ -143,7 +143,7 @@ def readings_at(setup: SimulatedSetup, q: Matrix, rng: np.random.Generator, nois
             scale = noise.angle if HOW[kind].words.unit == "deg" else noise.length
             values = HOW[kind].disturbed(HOW[kind].read(view), lambda shape, scale=scale: noise.draw(rng, scale, shape))
             readings.append(Readings(kind, sensor.target, sensor.link, values, np.full(len(q), ""), np.full(len(q), np.nan)))
-    blank = measurements_from(setup.robot, q, np.zeros((len(q), 0, 2)))
+    blank = spots_measured(setup.robot, q, np.zeros((len(q), 0, 2)))
     return replace(blank, readings=tuple(readings), reference=setup.robot.instruments.reference)
 
 

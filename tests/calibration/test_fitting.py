@@ -23,7 +23,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.model.parameters import FLAT, PriorScale
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.paper import paper_poses
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 from urdfcal.simulation.truth import random_truth
@@ -67,7 +67,7 @@ def test_six_direction_errors_are_found(robots: dict[str, Robot], name: str, rng
     model, truth = random_truth(robot, rng, 2e-3, np.radians(0.2))
     q = draw_poses(robot, model, truth, 160, rng)
     data = simulate(robot, model, truth, q[:100], rng, SimulatedNoise(0.5e-3))
-    unseen = measurements_from(robot, q[100:], true_spots(robot, model, truth, q[100:]))
+    unseen = spots_measured(robot, q[100:], true_spots(robot, model, truth, q[100:]))
     found = fit(robot, data, test=unseen)
     assert found.test is not None
     before, after = (rms_of(table) for table in found.test)
@@ -94,7 +94,7 @@ def test_a_carried_screen_is_the_same_problem(robots: dict[str, Robot], rng: np.
     model, truth = random_truth(robot, rng, 1e-3, np.radians(0.1))
     q = draw_poses(robot, model, truth, 120, rng, area=ScreenArea(6.0))
     found = fit(robot, simulate(robot, model, truth, q[:80], rng, SimulatedNoise(0.2e-3)))
-    unseen = measurements_from(robot, q[80:], true_spots(robot, model, truth, q[80:]))
+    unseen = spots_measured(robot, q[80:], true_spots(robot, model, truth, q[80:]))
     assert found.converged
     calibrated = with_test(found, unseen).test
     assert calibrated is not None
@@ -133,7 +133,7 @@ def test_sessions_have_screens_of_their_own(robots: dict[str, Robot], rng: np.ra
     moved[[screens.names.index(f"screen.{name}") for name in ("trans_y", "rot_z")]] = 0.05, np.radians(2)
     q = draw_poses(robot, screens, moved, 80, rng)
     halves = [true_spots(robot, screens, x, part) for x, part in ((0 * moved, q[:40]), (moved, q[40:]))]
-    data = measurements_from(robot, q, np.concatenate(halves), sessions=["a"] * 40 + ["b"] * 40)
+    data = spots_measured(robot, q, np.concatenate(halves), sessions=["a"] * 40 + ["b"] * 40)
     found = fit(robot, data, spot_sigma=1e-4)
     value = dict(zip(found.errors.names, found.x, strict=True))
     assert value["screen:b.trans_y"] == pytest.approx(0.05, abs=1e-4)

@@ -8,12 +8,12 @@ import pytest
 from urdfcal.base.geometry import DEG, Mask, Matrix
 from urdfcal.calibration.together import FALSE_ALARMS, lie_together
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 
 
 def poses(robot: Robot, q: Matrix, sessions: list[str] | None = None) -> Measurements:
     """Poses of a Panda with spots that mean nothing."""
-    return measurements_from(robot, q, np.zeros((len(q), 2, 2)), sessions=sessions)
+    return spots_measured(robot, q, np.zeros((len(q), 2, 2)), sessions=sessions)
 
 
 def drawn(count: int, rng: np.random.Generator) -> Matrix:
@@ -85,7 +85,7 @@ def test_a_session_is_named_also_where_another_saw_the_same_poses(robots: dict[s
     """Two sessions visit the same poses, and all outliers are of the second one."""
     robot = robots["ur5"]
     q = np.tile(rng.uniform(-1, 1, (60, 6)), (2, 1))
-    data = measurements_from(robot, q, rng.normal(size=(120, 2, 2)), sessions=["morning"] * 60 + ["afternoon"] * 60)
+    data = spots_measured(robot, q, rng.normal(size=(120, 2, 2)), sessions=["morning"] * 60 + ["afternoon"] * 60)
     out = np.zeros(120, dtype=bool)
     out[60 + rng.permutation(60)[:20]] = True
     assert "in session 'afternoon'" in lie_together(robot.chain, data, out)

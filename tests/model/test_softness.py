@@ -21,7 +21,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.model.softness import EXTRAS, Softness, across, extra_terms, gravity_terms
 from urdfcal.robot.chain import Step
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.spots import beams_in
 from urdfcal.simulation.readings import simulate_readings
 
@@ -53,7 +53,7 @@ def soft_case(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> 
         robot = robot_of(SCREEN_CARRIED) if name == "screen carried" else robots[name]
         errors = build_error_model(robot.chain, robot.rig)
         q = poses_in_view(robot, errors, np.zeros(len(errors.names)), 6, rng, 0.5)
-        data = measurements_from(robot, q, np.zeros((6, len(robot.rig.lasers), 2)))
+        data = spots_measured(robot, q, np.zeros((6, len(robot.rig.lasers), 2)))
         x = np.zeros(len(errors.names))
     else:
         setup = setup_of(case, robots, rng)
@@ -226,5 +226,5 @@ def test_a_payload_of_a_pose_bends_that_pose_alone(robots: dict[str, Robot], rng
 
 def six_poses(robot: Robot, rng: np.random.Generator) -> Measurements:
     q = rng.uniform(-1, 1, (6, len(robot.chain.inputs)))
-    data = measurements_from(robot, q, np.zeros((6, len(robot.rig.lasers), 2)))
+    data = spots_measured(robot, q, np.zeros((6, len(robot.rig.lasers), 2)))
     return replace(data, approach=np.sign(np.diff(q, axis=0, prepend=q[:1])))

@@ -17,7 +17,7 @@ from urdfcal.cli.fit_outputs import CORRECTED
 from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.replaced import inputs_sha256, require_earlier, require_marked
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.vision.camera.camera_file import camera_yaml
 
 Run = Callable[..., CliResult]
@@ -111,7 +111,7 @@ def test_a_lens_is_no_camera_that_a_fit_has_corrected(tmp_path: Path) -> None:
 def test_a_calibration_of_arrays_is_named_without_a_file(robots: dict[str, Robot], rng: np.random.Generator, tmp_path: Path) -> None:
     """Measurements that came from no file are other ones all the same."""
     robot = robots["arm7"]
-    data = measurements_from(robot, rng.normal(size=(3, 7)), rng.normal(size=(3, 2, 2)))
+    data = spots_measured(robot, rng.normal(size=(3, 7)), rng.normal(size=(3, 2, 2)))
     place = tmp_path / "c.yaml"
     place.write_text(f"urdfcal: 1\njoints: {{}}\nrobot: {{sha256: {sha256(robot.description.text)}}}\nmeasurements: {{poses: 9}}\n")
     require_earlier(place, (), robot, data)

@@ -11,7 +11,7 @@ import pytest
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.errors import MeasurementError, ShapeMismatch
 from urdfcal.robot.robot import Robot, robot_from
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
 
 HEAD = "turn,lift,slide,laser_1.y,laser_1.z,laser_2.y,laser_2.z"
@@ -252,7 +252,7 @@ def random_measurements(robot: Robot, rng: np.random.Generator, n: int = 40) -> 
     spots[rng.random((n, 2)) < 0.2] = np.nan
     sigma = np.where(rng.random((n, 2)) < 0.3, np.nan, 10.0 ** rng.uniform(-5, -1, (n, 2)))
     labels = ["a,b", 'say "hi"', "x;y", "\u00fc 1"] * (n // 4)
-    return measurements_from(
+    return spots_measured(
         robot,
         rng.uniform(-0.5, 0.5, (n, 3)) * [1, 1, 0.2] + [0, 0, 0.15],
         spots,
@@ -278,13 +278,13 @@ def test_what_was_written_comes_back(robot: Robot, rng: np.random.Generator, tmp
 
 def test_a_label_makes_no_comment_of_its_row(robot: Robot, tmp_path: Path) -> None:
     """A pose called # 1 is written so that its row is read again."""
-    write_measurements(tmp_path / "m.csv", measurements_from(robot, [Q] * 2, [SPOTS] * 2, poses=["# 1", "two\nlines"]))
+    write_measurements(tmp_path / "m.csv", spots_measured(robot, [Q] * 2, [SPOTS] * 2, poses=["# 1", "two\nlines"]))
     assert list(read_measurements(tmp_path / "m.csv", robot).poses) == ["1", "two lines"]
 
 
 def test_columns_that_say_nothing_are_not_written(robot: Robot, tmp_path: Path) -> None:
     """Without sessions, test poses and stated noise there are no columns for them."""
-    write_measurements(tmp_path / "m.csv", measurements_from(robot, [Q], [SPOTS]))
+    write_measurements(tmp_path / "m.csv", spots_measured(robot, [Q], [SPOTS]))
     assert (tmp_path / "m.csv").read_text() == f"pose,{HEAD}\n1,{ROW}\n"
 
 
@@ -304,7 +304,7 @@ def test_arrays_that_do_not_fit_are_refused(case: str, robot: Robot) -> None:
     """Measurements are checked when built, also from arrays."""
     arguments, message = WRONG[case]
     with pytest.raises(ShapeMismatch, match=message):
-        measurements_from(robot, **({"q": np.zeros((2, 3)), "spots": np.zeros((2, 2, 2))} | arguments))
+        spots_measured(robot, **({"q": np.zeros((2, 3)), "spots": np.zeros((2, 2, 2))} | arguments))
 
 
 def test_one_laser_of_two(robot: Robot, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.repeats import COARSEST, RESOLUTION, last_moves, resolution, same_poses
 
 NO_KEYS = np.zeros(10_000, dtype=np.intp)
@@ -82,7 +82,7 @@ def test_copies_are_left_out(robots: dict[str, Robot], rng: np.random.Generator)
     robot = robots["panda"]
     spots = rng.normal(0, 0.1, (6, len(robot.rig.lasers), 2))
     spots[2] = np.nan
-    one = measurements_from(robot, rng.uniform(-1, 1, (6, len(robot.chain.inputs))), spots)
+    one = spots_measured(robot, rng.uniform(-1, 1, (6, len(robot.chain.inputs))), spots)
     rows = [0, 1, 2, 2, 1, 3, 4, 5, 0]
     assert one.subset(rows).without_copies().poses.tolist() == ["1", "2", "3", "4", "5", "6"]
     assert one.without_copies() is one
@@ -94,7 +94,7 @@ def test_numbers_count_poses(robots: dict[str, Robot], rng: np.random.Generator)
     """What was read again is no further number, and in words poses and readings are told apart."""
     robot = robots["panda"]
     spots = rng.normal(0, 0.1, (5, len(robot.rig.lasers), 2))
-    one = measurements_from(robot, rng.uniform(-1, 1, (5, len(robot.chain.inputs))), spots)
+    one = spots_measured(robot, rng.uniform(-1, 1, (5, len(robot.chain.inputs))), spots)
     again: Measurements = one.subset(np.repeat(np.arange(5), 3))
     assert again.numbers == one.numbers
     assert (one.counted, again.counted) == ("5 poses", "5 poses (read 15 times)")

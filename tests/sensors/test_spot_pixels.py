@@ -21,7 +21,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.measurements import Measurements, as_measured, as_spots, measurements_from
+from urdfcal.sensors.measurements import Measurements, as_measured, as_spots, spots_measured
 from urdfcal.sensors.measurements_csv import measurements_csv, read_measurements
 from urdfcal.sensors.readings import Readings
 from urdfcal.simulation.readings import true_spots
@@ -51,7 +51,7 @@ def in_pixels(robot: Robot, camera: Camera, rng: np.random.Generator, poses: int
     pixels = pixels + rng.normal(0, NOISE_PX, pixels.shape)
     blank, none = np.full(poses, ""), np.full(poses, np.nan)
     readings = tuple(Readings("spot_pixel", laser, laser, pixels[:, index], blank, none) for index, laser in enumerate(robot.rig.lasers))
-    data = measurements_from(robot, q, np.full((poses, 2, 2), np.nan))
+    data = spots_measured(robot, q, np.full((poses, 2, 2), np.nan))
     return replace(data, camera=camera, readings=readings), dict(zip(errors.names, x.tolist(), strict=True))
 
 
@@ -190,7 +190,7 @@ def test_a_target_in_pictures_calibrates_the_arm(robots: dict[str, Robot], camer
     """A point on the last link, seen as pixels by a fixed camera whose place is not known, is predicted to its noise on unseen poses."""
     robot, n = robots["ur5"], 160
     target = "slm"
-    bare = measurements_from(robot, rng.uniform(-2.0, 2.0, (n, 6)), np.full((n, 2, 2), np.nan))
+    bare = spots_measured(robot, rng.uniform(-2.0, 2.0, (n, 6)), np.full((n, 2, 2), np.nan))
     blank, none = np.full(n, ""), np.full(n, np.nan)
     point = Readings("point", target, target, np.zeros((n, 3)), blank, none)
     seen = robot.seen_by(replace(bare, readings=(point,)).instruments, ())
@@ -217,7 +217,7 @@ def test_a_board_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rn
     board, reference = ("base_link", "slm") if carried else ("slm", "base_link")
     blank, none = np.full(n, ""), np.full(n, np.nan)
     q = np.array([0.0, -1.2, 1.4, -1.8, -1.5, 0.3]) + rng.uniform(-0.35, 0.35, (n, 6))
-    bare = measurements_from(robot, q, np.full((n, 2, 2), np.nan))
+    bare = spots_measured(robot, q, np.full((n, 2, 2), np.nan))
     points = tuple(Readings("pixel", f"{board}:{k}", board, np.full((n, 2), 1.0), blank, none) for k in range(grid.corners))
     data = replace(bare, readings=points, camera=camera, boards={board: grid}, reference=reference)
     seen = robot.seen_by(data.instruments, ())

@@ -38,10 +38,10 @@ class ShapeMismatch(UrdfcalError, ValueError):
 
 
 class InputError(UrdfcalError, ValueError):
-    """A file that cannot be taken as it is; the message starts with `FILE:LINE:`."""
+    """A file that cannot be taken as it is; the message starts with `FILE:LINE:`, without a line where it is not of one."""
 
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None) -> None:
-        where = "" if path is None else f"{path}: " if line is None else f"{path}:{line}: "
+        where = "" if path is None else f"{path}: " if not line else f"{path}:{line}: "
         super().__init__(where + message)
 
 

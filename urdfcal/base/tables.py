@@ -36,9 +36,9 @@ class Table:
     """A CSV file as named columns; rows are split when cells are first asked for, so that what is wrong with the header is said first.
 
     Attributes:
-        path: The file.
+        path: The file; of a table in memory what it is called in messages.
         sha256: Of its bytes.
-        header_line: Line of the header.
+        header_line: Line of the header; 0 of a table in memory, whose rows are counted from 1.
         names: Of the columns, without their units.
         units: Unit of each column that states one.
         separator: Between cells.
@@ -84,6 +84,11 @@ class Table:
         place = self.names.index(name)
         cell = self._cells(row)[self.positions[place] if self.positions else place]
         return f"the cell is '{cell}'" if cell else "the cell is empty"
+
+    @property
+    def header(self) -> str:
+        """Where the header stands, for messages: `FILE:LINE`."""
+        return _place(self.path, self.header_line)
 
     def title(self, name: str) -> str:
         """A column's name with its unit, as in the header."""
@@ -178,15 +183,50 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
     path = Path(path)
     content = content_of(path, TABLE, MeasurementError)
     text, notes = _text(path, content)
+    return table_of_text(path, text, header, rows, hashlib.sha256(content).hexdigest(), notes)
+
+
+def table_in_memory(label: str, columns: Mapping[str, Sequence[str]], header: str, rows: str) -> Table:
+    """Columns in memory as the table that a file of them would be read as; rows are counted from 1.
+
+    Args:
+        label: What the table is called in messages.
+        columns: Cells by the column's name, which may state a unit as in a file; all of one length.
+        header: As for `read_table`.
+        rows: As for `read_table`.
+
+    Raises:
+        MeasurementError: there is no row, or the header is malformed.
+    """
+    text = csv_text(list(columns), zip(*columns.values(), strict=True)).decode()
+    return table_of_text(Path(label), text, header, rows, first=0)
+
+
+def table_of_text(path: Path, text: str, header: str, rows: str, sha256: str = "", notes: Sequence[str] = (), first: int = 1) -> Table:
+    """A table from its text, wherever that comes from.
+
+    Args:
+        path: The file, or what else it is called in messages.
+        text: All of it.
+        header: As for `read_table`.
+        rows: As for `read_table`.
+        sha256: Hash of what it was read from.
+        notes: What is to be said of it already.
+        first: Number of the first line.
+
+    Raises:
+        MeasurementError: it has no header or no row, or the header is malformed.
+    """
+    notes = list(notes)
     if text.lstrip().startswith("<"):
         raise MeasurementError(f"is XML, as robot descriptions are; expected a table with {header}, which comes after the robot", path)
-    lines = _filled_lines(text)
+    lines = _filled_lines(text, first)
     if not lines:
         raise MeasurementError(f"the file has no header line; expected {header}", path)
     start = header_at([text for _, text in lines])
     (line, head), *body = lines[start:]
     if start:
-        notes.append(f"{path}:{line}: taken for the header; what stands above it is taken for a title")
+        notes.append(f"{_place(path, line)}: taken for the header; what stands above it is taken for a title")
     separator = separator_of(head, [row for _, row in body])
     titles = words_of(head) if separator == " " else _split(path, line, head, separator)
     _require_names(path, line, titles, body[0][1] if body else "", header)
@@ -200,7 +240,7 @@ def read_table(path: str | Path, header: str, rows: str) -> Table:
         body = body[1:]
     if not body:
         raise MeasurementError(f"there is a header and no row; expected {rows}", path, line)
-    return Table(path, hashlib.sha256(content).hexdigest(), line, names, units, separator, tuple(body), positions, tuple(notes))
+    return Table(path, sha256, line, names, units, separator, tuple(body), positions, tuple(notes))
 
 
 def _require_names(path: Path, line: int, titles: Sequence[str], row: str, header: str) -> None:
@@ -282,9 +322,9 @@ def _text(path: Path, content: bytes) -> tuple[str, list[str]]:
         raise MeasurementError("is not UTF-8 text; save it as CSV in UTF-8", path, line) from None
 
 
-def _filled_lines(text: str) -> list[tuple[int, str]]:
+def _filled_lines(text: str, first: int) -> list[tuple[int, str]]:
     """Number and text of the lines that are neither comments nor without anything in a cell."""
-    lines = enumerate(_LINE_END.split(text), start=1)
+    lines = enumerate(_LINE_END.split(text), start=first)
     return [(number, line) for number, line in lines if line.strip(' \t,;"\x0b\x0c\u00a0') and not line.lstrip().startswith("#")]
 
 
@@ -325,7 +365,7 @@ def _means_nothing(
         return True
     index = place == 0 and counts_by_one(cells)
     if index:
-        notes.append(f"{path}:{line}: the first column has no name and counts the rows; it is taken for an index and not used")
+        notes.append(f"{_place(path, line)}: the first column has no name and counts the rows; it is taken for an index and not used")
     return index
 
 
@@ -347,6 +387,10 @@ def _require_once(path: Path, line: int, names: Sequence[str]) -> None:
         first = names.index(name)
         if first < position:
             raise _fault(path, line, name, f"stands twice, in cells {first + 1} and {position + 1}")
+
+
+def _place(path: Path, line: int) -> str:
+    return f"{path}:{line}" if line else str(path)
 
 
 def _fault(path: Path, line: int, column: str, message: str) -> MeasurementError:

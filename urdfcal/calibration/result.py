@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from urdfcal.base.errors import FitRejected, UsageError
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
 from urdfcal.base.terminal import rounded
 from urdfcal.calibration.asking.lacking import Lacking
@@ -43,7 +44,7 @@ _LARGE = 10.0  # times the usual noise, beyond which it is no noise
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class CrossValidation:
     """How well poses are predicted that were not fitted, each pose held out once.
 
@@ -66,6 +67,12 @@ class CrossValidation:
     def folds(self) -> int:
         """Number of fits."""
         return len(self.fold_rms)
+
+    def __repr__(self) -> str:
+        """In a line."""
+        tables = f"{rounded(rms_of(self.before), 3)} -> {rounded(rms_of(self.after), 3)} {main_unit(self.after)}"
+        rejected = f", {len(self.rejected)} of them rejected" if self.rejected else ""
+        return f"<{type(self).__name__} by {self.folds} fits{rejected}: RMS of poses left out {tables}>"
 
 
 @dataclass(frozen=True, repr=False)
@@ -280,7 +287,9 @@ class FitResult:
     def __repr__(self) -> str:
         """In a line: the whole of it holds the URDF and every pose."""
         tables = f"{rounded(rms_of(self.before), 3)} -> {rounded(rms_of(self.after), 3)} {main_unit(self.after)}"
-        return f"<{type(self).__name__} of {self.robot.name}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
+        return (
+            f"<{type(self).__name__} of {shown(self.robot.name)}: {len(self.errors.names)} parameters, {self.data.counted}, RMS {tables}>"
+        )
 
     def with_entered(self: Self, names: Collection[str]) -> Self:
         """The same where some of what stands out is known to be in a compensation beside it."""

@@ -26,6 +26,7 @@ _MOST_PART = 0.6  # share of the outliers that a stretch must hold
 _NEIGHBOURS = 5
 _DRAWS = 4999
 _AT_ONCE = 500  # draws
+_MANY = 2000  # poses, of which the distances of all from all are not taken
 _SAME = 1e-4  # [rad] and [m] within which joints agree: readings of one pose
 _NAMED = 2  # joints that a sentence has room for
 
@@ -114,16 +115,24 @@ def nearest(q: Matrix, count: int) -> Rows:
         q: Joint positions, (n, inputs), [rad] or [m].
         count: How many neighbours, at most n - 1.
     """
-    from scipy.spatial import KDTree
-
     spread = q.std(axis=0)
     moves = spread > _SAME
     scaled = q[:, moves] / spread[moves] if moves.any() else np.zeros((len(q), 1))
     count = min(count, len(q) - 1)
+    if len(q) > _MANY:
+        return _nearest_of_many(scaled, count)
+    far = (scaled**2).sum(axis=1)[:, None] + (scaled**2).sum(axis=1) - 2 * scaled @ scaled.T
+    np.fill_diagonal(far, np.inf)
+    return np.asarray(np.argpartition(far, count - 1, axis=1)[:, :count])
+
+
+def _nearest_of_many(scaled: Matrix, count: int) -> Rows:
+    from scipy.spatial import KDTree  # takes longer to load than a usual fit takes
+
     found = KDTree(scaled).query(scaled, k=count + 1)[1]
-    own = found == np.arange(len(q))[:, None]
+    own = found == np.arange(len(scaled))[:, None]
     own[~own.any(axis=1), -1] = True  # as many others are at the very place of the pose itself
-    return np.asarray(found[~own].reshape(len(q), count), dtype=np.intp)
+    return np.asarray(found[~own].reshape(len(scaled), count), dtype=np.intp)
 
 
 def _joined(marked: Mask, near: Rows) -> Vector:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.base.files import read_yaml
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
@@ -109,7 +110,12 @@ class StoredCalibration(Applicable):
 
     def __repr__(self) -> str:
         """In a line."""
-        return f"<{type(self).__name__} {self.path}: {', '.join(self.corrections)}>"
+        return f"<{type(self).__name__} {shown(str(self.path))}: {shown(', '.join(self.corrections))}>"
+
+    def _repr_html_(self) -> str:
+        from urdfcal.base.notebook import card
+
+        return card(f"Calibration of {len(self.corrections)} joints", (str(self.path), ", ".join(self.corrections)))
 
     def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
         """The origins to write into a robot description that may have changed elsewhere.

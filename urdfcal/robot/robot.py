@@ -8,15 +8,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from urdfcal.base.errors import RigError
+from urdfcal.base.foreign_text import shown
+from urdfcal.base.geometry import DEG, MM
 from urdfcal.robot.chain import Chain, build_chain
 from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.pinocchio_model import pinocchio_model
 from urdfcal.robot.rig import NONE, Instruments, Rig, find_rig
-from urdfcal.robot.urdf_tree import UrdfTree, read_tree
+from urdfcal.robot.urdf_tree import UrdfJoint, UrdfTree, read_tree
 from urdfcal.robot.xacro_child import USUAL_LIMIT, XacroLimit
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Robot:
     """A robot as its description has it; nothing of it is ever changed.
 
@@ -60,6 +63,45 @@ class Robot:
     def name(self) -> str:
         """The name in `<robot name=...>`."""
         return str(self.model.name)
+
+    def __repr__(self) -> str:
+        """In a line: the whole of it holds the URDF."""
+        return f"<{type(self).__name__} {shown(self.name)}: {self._counted}; {shown(self._measured_by)}>"
+
+    def _repr_html_(self) -> str:
+        from urdfcal.base.notebook import Listing, card
+
+        joints = [joint for joint in self.tree.joints.values() if joint.moves]
+        rows = [(joint.name, joint.type, joint.parent, joint.child, *_limits_in_words(joint)) for joint in joints]
+        described = f"{self.description.path}{', expanded by xacro' if self.description.expanded else ''}"
+        table = Listing(
+            ("joint", "type", "from link", "to link", "lower", "upper"), rows, words=4, title="Moving joints", folded=len(rows) > 12
+        )
+        return card(self.name, (self._counted, self._measured_by, described), (table,))
+
+    @property
+    def _counted(self) -> str:
+        moving = sum(joint.moves for joint in self.tree.joints.values())
+        return f"{moving} moving {'joint' if moving == 1 else 'joints'}, {len(self.tree.links)} links"
+
+    @property
+    def _measured_by(self) -> str:
+        """What measures it, in words."""
+        try:
+            rig = self.rig
+        except RigError:
+            return "no lasers and screen"
+        lasers = [f"{', '.join(rig.lasers)} on {rig.tip}, screen {rig.base}"] if rig.lasers else []
+        targets = rig.instruments.targets
+        seen = (
+            [f"{', '.join(dict.fromkeys(target.placed_by for target in targets))} seen from {rig.instruments.reference}"] if targets else []
+        )
+        return "; ".join([*lasers, *seen])
+
+
+def _limits_in_words(joint: UrdfJoint) -> tuple[str, str]:
+    unit, size = ("mm", MM) if joint.prismatic else ("deg", DEG)
+    return ("none", "none") if joint.type == "continuous" else (f"{joint.lower / size:.1f} {unit}", f"{joint.upper / size:.1f} {unit}")
 
 
 def with_text(robot: Robot, text: bytes) -> Robot:

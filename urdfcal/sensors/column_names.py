@@ -46,7 +46,7 @@ def as_people_write(table: Table, robot: Robot, target: str = "") -> Table:
         if table.units.get(name, unit) != unit:
             raise table.fail(None, name, f"its name says {unit} and its unit [{table.units[name]}]; leave one of the two out")
     words = ", ".join(f"'{name}' as '{ours}{f' [{unit}]' if unit else ''}'" for name, (ours, unit) in taken.items())
-    note = f"{table.path}:{table.header_line}: columns are taken: {words}"
+    note = f"{table.header}: columns are taken: {words}"
     stated = replace(table, units={**table.units, **units}, notes=(*table.notes, note))
     return stated.renamed({name: ours for name, (ours, _) in taken.items()})
 

@@ -90,6 +90,11 @@ def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: 
     return Columns(seen, read, warnings)
 
 
+def seen_as(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid]) -> Robot:
+    """The robot as the readings in a table see it, whatever else the table holds."""
+    return _as_seen(robot, reading_columns(table.names, robot, _laser_candidates(table, robot)), reference, camera, boards)
+
+
 def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:
     """Links that are lasers by what was asked for or by their name; one with an x has a point, and no spot."""
     named = (*(robot.lasers or ()), *lasers_by_name(robot.tree))
@@ -177,7 +182,7 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
     readings = {f"{name.rpartition('.')[0]}.{ending}" for name in meant for ending in ENDINGS}
     for name in table.names:
         if name not in known:
-            where = f"{table.path}:{table.header_line}: column '{name}'"
+            where = f"{table.header}: column '{name}'"
             hint = nearest_of(name, {*nearest, *readings} - set(table.names)) or did_you_mean(name, nearest)
             yield f"{where} means nothing here and is not used{hint}"
 

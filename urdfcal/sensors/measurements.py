@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
 from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot
@@ -23,7 +24,7 @@ from urdfcal.sensors.sensor import Sensor
 _OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measurements:
     """Readings at known joint positions; SI units.
 
@@ -92,6 +93,30 @@ class Measurements:
     def __len__(self) -> int:
         """Number of poses."""
         return len(self.q)
+
+    def __repr__(self) -> str:
+        """In a line: the whole of it is every number."""
+        source = f" from {self.source}" if self.source else ""
+        return f"<{type(self).__name__}{shown(source)}: {self.counted} with {self.summary}{self._marked}>"
+
+    def _repr_html_(self) -> str:
+        from urdfcal.base.notebook import Listing, card
+
+        spans = zip(self.q.min(axis=0, initial=np.inf), self.q.max(axis=0, initial=-np.inf), strict=True) if len(self) else ()
+        joints = [(name, f"{low:.4f}", f"{high:.4f}") for name, (low, high) in zip(self.joints, spans, strict=False)]
+        readings = [(own.target, noun(own.noise), own.link, int(own.seen.sum())) for own in self.readings]
+        lines = (self.source or "from memory", f"{len(self)} rows{self._marked}", *self.warnings)
+        tables = (
+            Listing(("target", "read", "on link", "readings"), readings, words=3, title="Readings", folded=len(readings) > 12),
+            Listing(("joint", "from", "to"), joints, title="Joints, in rad or m", folded=len(joints) > 12),
+        )
+        return card(f"{self.counted} with {self.summary}", lines, tables)
+
+    @property
+    def _marked(self) -> str:
+        """How many are for testing, and in how many sessions they were made."""
+        test, sessions = int(np.count_nonzero(self.sets == "test")), len(self.session_names)
+        return (f"; {test} of them marked test" if test else "") + (f"; {sessions} sessions" if sessions > 1 else "")
 
     @cached_property
     def pose_of(self) -> npt.NDArray[np.intp]:
@@ -275,7 +300,7 @@ class Measurements:
         return f"pose {self.poses[pose]}"
 
 
-def measurements_from(
+def spots_measured(
     robot: Robot,
     q: npt.ArrayLike,
     spots: npt.ArrayLike,

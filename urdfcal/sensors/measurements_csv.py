@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -27,6 +29,8 @@ _LEAST_SIGMA = 1e-12  # [m] or [px]: a spot known better than that is a mistake,
 _A_SIGMA = "expected a standard deviation, or nothing"
 _SOME = 3  # joints that are named as examples
 _WHOLE_TURN = 2 * np.pi + 1e-6  # [rad] farther from zero no angle is written, but in degrees
+
+ROWS = "one row a pose"
 
 Column = tuple[str, Sequence[str | float]]  # its name and its cells
 
@@ -55,6 +59,18 @@ def read_measurements(
         RigError: a link that is needed is not there, or not where it can be.
     """
     table = read_named_table(path, robot, target)
+    return replace(measurements_of(table, robot, reference, camera, boards), source=str(path), lines=np.array(table.lines))
+
+
+def measurements_of(
+    table: Table, robot: Robot, reference: str | None = None, camera: Any = None, boards: Mapping[str, Grid] | None = None
+) -> Measurements:
+    """Measurements from a table with our names for its columns, wherever it comes from; arguments as for `read_measurements`.
+
+    Raises:
+        MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
+        RigError: a link that is needed is not there, or not where it can be.
+    """
     columns = columns_of(table, robot, reference or "", camera, boards or {})
     joints = JointColumns(table, columns.robot)
     q, names = joints.positions, tuple(joint.name for joint in columns.robot.chain.inputs)
@@ -66,9 +82,7 @@ def read_measurements(
         poses=_poses(table),
         sets=_sets(table),
         sessions=_labels(table, "session"),
-        source=str(path),
         sha256=table.sha256,
-        lines=np.array(table.lines),
         warnings=(*table.notes, *columns.warnings, *joints.warnings(), *facts.warnings),
         reference=reference or "",
         camera=camera,
@@ -77,7 +91,7 @@ def read_measurements(
         approach=facts.approach,
         time=facts.time,
         temperature=facts.temperature,
-        series=f"{path} {table.sha256}",
+        series=f"{table.path} {table.sha256}" if table.sha256 else uuid4().hex,
     )
 
 
@@ -87,11 +101,19 @@ def read_named_table(path: str | Path, robot: Robot, target: str | None = None) 
     Raises:
         MeasurementError: it cannot be read as a table, or a column may mean two things.
     """
-    table = read_table(path, _header_of(robot), "one row a pose")
+    return named_table(read_table(path, header_of(robot), ROWS), robot, target)
+
+
+def named_table(table: Table, robot: Robot, target: str | None = None) -> Table:
+    """A table with our names for its columns, whoever wrote them.
+
+    Raises:
+        MeasurementError: a column may mean two things.
+    """
     return as_people_write(with_our_names(table, target or ""), robot, target or "")
 
 
-def _header_of(robot: Robot) -> str:
+def header_of(robot: Robot) -> str:
     """What the header of its measurements must hold."""
     joints = [joint.name for joint in robot.tree.joints.values() if joint.moves]
     more = ", ..." if len(joints) > _SOME else ""

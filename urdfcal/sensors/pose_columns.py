@@ -74,7 +74,7 @@ def _time(table: Table) -> tuple[Vector | None, tuple[str, ...]]:
     if dates and not np.isnat(stamps).any():
         return (stamps - np.datetime64(0, "us")) / np.timedelta64(1, "s"), ()
     if any(not _is_number(cell) for cell in table.columns["time"]):
-        where = f"{table.path}:{table.header_line}: column 'time'"
+        where = f"{table.header}: column 'time'"
         return None, (f"{where} has cells that are neither seconds nor dates (2026-01-31T12:00:00); the order of the rows is taken for it",)
     return table.numbers("time", SECONDS, "expected seconds"), ()
 

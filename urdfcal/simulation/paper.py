@@ -26,7 +26,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 
 HALF = 30  # poses near home, and poses over the whole ranges
@@ -159,7 +159,7 @@ def _draw(robot: Robot, errors: ErrorModel, truth: Vector, rng: np.random.Genera
 
 def _lines(robot: Robot, errors: ErrorModel, run: _Run) -> Iterator[tuple[tuple[str, str, int, str], tuple[Matrix, Matrix | None]]]:
     nominal = np.zeros(len(errors.names))
-    exact = Problem(errors, measurements_from(robot, run.q, run.spots))
+    exact = Problem(errors, spots_measured(robot, run.q, run.spots))
     for case, name, rows in cases():
         yield ("", "", case, name), (_figures(exact, nominal, run.spots, rows), None)
     for protocol, data in run.readings.items():

@@ -17,7 +17,7 @@ from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from, spot_readings
+from urdfcal.sensors.measurements import Measurements, spot_readings, spots_measured
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import View
@@ -69,7 +69,7 @@ def simulate(
     spots = true_spots(robot, errors, x, q)
     turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
     readings = q + noise.draw(rng, noise.joint, q.shape) * turning
-    return measurements_from(robot, readings, spots + noise.draw(rng, noise.spot, spots.shape))
+    return spots_measured(robot, readings, spots + noise.draw(rng, noise.spot, spots.shape))
 
 
 def true_spots(robot: Robot, errors: ErrorModel, x: Vector, q: Matrix) -> Array3:

@@ -16,7 +16,7 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.identifiability import correlated_groups, indices, observe
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot, load_robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import true_spots
 from urdfcal.simulation.truth import random_truth
 
@@ -25,7 +25,7 @@ def measured(robot: Robot, rng: np.random.Generator, poses: int = 60, limits: np
     """Exact spots of the nominal robot."""
     model, zero = random_truth(robot, rng, 0.0, 0.0)
     q = draw_poses(robot, model, zero, poses, rng, limits=limits)
-    return measurements_from(robot, q, true_spots(robot, model, zero, q))
+    return spots_measured(robot, q, true_spots(robot, model, zero, q))
 
 
 def with_one_beam(name: str) -> Robot:

@@ -13,7 +13,7 @@ from tests.support.helpers import tool_sigma
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import OnlineCalibrator, fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
-from urdfcal.calibration.analysis import online
+from urdfcal.calibration.analysis import arrivals
 from urdfcal.calibration.analysis.online import OnlineState
 from urdfcal.calibration.analysis.prediction import spot_sigma
 from urdfcal.calibration.reach import draw_poses
@@ -22,7 +22,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.spots import beams_at
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 from urdfcal.simulation.truth import random_truth
@@ -183,7 +183,7 @@ def test_poses_without_spots_change_nothing(robots: dict[str, Robot], rng: np.ra
     robot = robots["panda"]
     data = some_poses(robot, rng, 4)
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE)
-    with pytest.raises(UsageError, match="no pose with a spot"):
+    with pytest.raises(UsageError, match="no pose with a reading"):
         calibrator.calibration()
     before = take(calibrator, data)[-1]
     blind = calibrator.update(data.q[0], np.full((2, 2), np.nan))
@@ -208,10 +208,10 @@ def test_the_calibration_is_a_batch_fit(robots: dict[str, Robot], rng: np.random
 
 def test_a_long_history_is_kept_whole(robots: dict[str, Robot], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """Poses beyond the room first made for them are kept as they were given."""
-    monkeypatch.setattr(online, "CHUNK", 2)
+    monkeypatch.setattr(arrivals, "CHUNK", 2)
     robot = robots["panda"]
     data = some_poses(robot, rng, 9)
-    stated = measurements_from(robot, data.q, data.spots, sigma=rng.uniform(1e-4, 1e-3, (9, 2)))
+    stated = spots_measured(robot, data.q, data.spots, sigma=rng.uniform(1e-4, 1e-3, (9, 2)))
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE)
     take(calibrator, stated)
     for name in ("q", "spots", "sigma", "poses"):
@@ -243,7 +243,7 @@ def test_understated_spots_do_not_promise_too_much(robots: dict[str, Robot], rng
     for q, spots in zip(data.q, data.spots, strict=True):
         usual.update(q, spots)
         stating.update(q, spots, np.full(2, 1e-4))
-    assert stating.state.extra_noise_mm == pytest.approx(1.0, rel=0.2)
+    assert stating.state.extra_noise["spot"] == pytest.approx(1e-3, rel=0.2)
     assert stating.state.tool_sigma_mm == pytest.approx(usual.state.tool_sigma_mm, rel=0.2)
     assert not stating.state.enough
     batch = stating.calibration()
@@ -260,7 +260,7 @@ def test_a_gate_does_not_lock_itself_out(robots: dict[str, Robot], rng: np.rando
     for q, spots in zip(data.q, data.spots, strict=True):
         online.update(q, spots, np.full(2, 1e-4))
     assert online.state.poses > 30
-    assert online.state.extra_noise_mm == pytest.approx(1.0, rel=0.3)
+    assert online.state.extra_noise["spot"] == pytest.approx(1e-3, rel=0.3)
 
 
 def test_limits_without_room_want_a_workspace() -> None:
@@ -271,5 +271,5 @@ def test_limits_without_room_want_a_workspace() -> None:
         OnlineCalibrator(robot, spot_sigma=NOISE)
     calibrator = OnlineCalibrator(robot, spot_sigma=NOISE, workspace=poses)
     spots = beams_at(calibrator.errors, calibrator.errors.mean, poses).spots
-    states = take(calibrator, measurements_from(robot, poses, spots))
+    states = take(calibrator, spots_measured(robot, poses, spots))
     assert states[-1].tool_sigma_mm > 0

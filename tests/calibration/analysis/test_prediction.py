@@ -20,7 +20,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.sensors.spots import beams_at
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 
@@ -147,7 +147,7 @@ def test_spot_sigma_is_the_scatter_of_spots(robots: dict[str, Robot], name: str,
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=("beams",)))
     x, P = some_state(errors, rng), some_covariance(errors, rng)
     q = poses_in_view(robot, errors, x, 20, rng, least_zx=0.5)
-    model = Problem(errors, measurements_from(robot, q, np.zeros((20, 2, 2))))
+    model = Problem(errors, spots_measured(robot, q, np.zeros((20, 2, 2))))
     middle = np.stack(model.read(x), axis=1)
     squares = [np.sum((np.stack(model.read(draw), axis=1) - middle) ** 2, axis=-1) for draw in rng.multivariate_normal(x, P, 400)]
     np.testing.assert_allclose(np.sqrt(np.mean(squares, axis=0)), spot_sigma(errors, P, x, q), rtol=5 / np.sqrt(2 * 400))
@@ -163,7 +163,7 @@ def test_spot_accuracy_is_that_of_robots_drawn_from_the_posterior(robots: dict[s
     found = fit(robot, data)
     draws = rng.multivariate_normal(found.x, found.covariance, 400)
     for q in (prediction.poses_in_view(robot, found.errors, found.x, data, rng, 100), data.q):
-        model = Problem(found.errors, measurements_from(robot, q, np.zeros((len(q), 2, 2))))
+        model = Problem(found.errors, spots_measured(robot, q, np.zeros((len(q), 2, 2))))
         middle = np.stack(model.read(found.x), axis=1)
         rms = np.sqrt(np.mean([np.sum((np.stack(model.read(draw), axis=1) - middle) ** 2, axis=-1) for draw in draws], axis=0))
         predicted = prediction.spot_accuracy(found.errors, found.covariance, found.x, q)
@@ -181,7 +181,7 @@ def test_poses_in_view_put_every_beam_where_spots_were_seen(robots: dict[str, Ro
     errors = build_error_model(robot.chain, robot.rig)
     x = some_state(errors, rng)
     box = np.array([[-0.4, -0.3], [0.5, 0.6]])
-    seen = measurements_from(robot, np.zeros((2, 7)), np.stack([box, box], axis=1))
+    seen = spots_measured(robot, np.zeros((2, 7)), np.stack([box, box], axis=1))
     q = prediction.poses_in_view(robot, errors, x, seen, rng, 200)
     lower, upper = joint_limits(robot)
     assert q.shape == (200, 7)
@@ -195,7 +195,7 @@ def test_a_view_that_is_never_met_has_no_poses(robots: dict[str, Robot], rng: np
     """Where no random position puts its beams between the spots, none is returned, and the accuracy of none is nan."""
     robot = robots["panda"]
     errors = build_error_model(robot.chain, robot.rig)
-    seen = measurements_from(robot, np.zeros((1, 7)), np.full((1, 2, 2), 0.1))
+    seen = spots_measured(robot, np.zeros((1, 7)), np.full((1, 2, 2), 0.1))
     q = prediction.poses_in_view(robot, errors, errors.mean, seen, rng)
     assert q.shape == (0, 7)
     found = prediction.spot_accuracy(errors, np.eye(len(errors.names)), errors.mean, q)

@@ -9,7 +9,7 @@ import numpy as np
 from tests.support.small_robot import joint, robot_of, robot_text
 from urdfcal.calibration.start.couplings import mistakes_of_couplings
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 
 LASER = joint("m1", "d", "laser_1", '<origin xyz="0.5 0 0.2" rpy="0 1.3 0"/>', kind="fixed")
 SCARA = robot_text(
@@ -24,7 +24,7 @@ SCARA = robot_text(
 
 def undone(robot: Robot, q: np.ndarray) -> dict[str, np.ndarray]:
     """What every mistake makes of joints."""
-    data = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
+    data = spots_measured(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
     return {mistake.undone: mistake.change(data).q for mistake in mistakes_of_couplings(robot.chain)}
 
 
@@ -63,6 +63,6 @@ def test_what_is_undone_is_what_was_done(robots: dict[str, Robot], rng: np.rando
     robot = robots["ur5"]
     q = rng.uniform(-1, 1, (5, 6))
     read = q - q[:, [1]] * (np.arange(6) == 2)
-    data: Measurements = replace(measurements_from(robot, read, np.zeros((5, len(robot.rig.lasers), 2))))
+    data: Measurements = replace(spots_measured(robot, read, np.zeros((5, len(robot.rig.lasers), 2))))
     mistake = next(own for own in mistakes_of_couplings(robot.chain) if own.undone == "shoulder_lift_joint added to elbow_joint")
     np.testing.assert_allclose(mistake.change(data).q, q, atol=1e-12)

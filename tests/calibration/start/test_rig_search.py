@@ -19,7 +19,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 CASES = [("panda", ()), ("ur5", ()), ("arm7", ("screen",)), ("arm7", ())]
@@ -64,7 +64,7 @@ def test_the_miss_has_its_jacobian(robots: dict[str, Robot], rng: np.random.Gene
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=("beams4",)), sessions=("a", "b"))
     q, spots = rng.uniform(-2, 2, (6, len(robot.chain.inputs))), rng.uniform(-1, 1, (6, 2, 2))
     spots[2, 1] = np.nan
-    model = Problem(errors, measurements_from(robot, q, spots, sessions=["a", "b"] * 3))
+    model = Problem(errors, spots_measured(robot, q, spots, sessions=["a", "b"] * 3))
     x = rng.normal(0, 0.05, len(errors.names))
     x[errors.names.index("slm.rot_y")] = 0.0 if where == "on the screen" else 3.0
     expected = central_differences(lambda at: misses(model, at).e, x)

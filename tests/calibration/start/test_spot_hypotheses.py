@@ -18,7 +18,7 @@ from urdfcal.calibration.start.spot_hypotheses import best_spot_hypothesis
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 
 Change = Callable[[Measurements], Measurements]
@@ -115,7 +115,7 @@ def test_noise_is_no_mistake(robots: dict[str, Robot], rng: np.random.Generator)
     """Spots at random fit nothing, and nothing is named."""
     robot = robots["ur5"]
     errors = build_error_model(robot.chain, robot.rig)
-    data = measurements_from(robot, rng.uniform(-1, 1, (40, 6)), rng.uniform(-1, 1, (40, 2, 2)))
+    data = spots_measured(robot, rng.uniform(-1, 1, (40, 6)), rng.uniform(-1, 1, (40, 2, 2)))
     model = Problem(errors, data)
     assert best_spot_hypothesis(model, noise_of(model)) is None
 

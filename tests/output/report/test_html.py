@@ -27,7 +27,7 @@ from urdfcal.output.report.verdict import opening_of
 from urdfcal.output.text.headline import headline
 from urdfcal.output.text.result import text_report
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import measurements_from
+from urdfcal.sensors.measurements import spots_measured
 from urdfcal.sensors.measurements_csv import read_measurements
 from urdfcal.simulation.readings import SimulatedNoise, simulate
 from urdfcal.simulation.truth import random_truth
@@ -313,7 +313,7 @@ def test_measurements_without_labels_or_a_beam_or_test_poses(robots: dict[str, R
     calibration = simulated(robot, fitted=60)
     spots = calibration.data.spots.copy()
     spots[:, 1] = np.nan
-    page = written(fit(robot, measurements_from(robot, calibration.data.q, spots)), ".html")
+    page = written(fit(robot, spots_measured(robot, calibration.data.q, spots)), ".html")
     assert "laser_1" in Outline(page).text
     assert "No test poses" in page
     assert "Test poses after calibration" not in page

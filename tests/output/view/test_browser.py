@@ -31,7 +31,7 @@ from urdfcal.output.view.viewer import View, view_of
 from urdfcal.robot.configurations import whole_configurations
 from urdfcal.robot.robot import Robot, robot_from
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, simulate_readings
 from urdfcal.simulation.truth import random_truth
 
@@ -453,7 +453,7 @@ def test_a_beam_that_misses_is_dashed(browser: Browser, tmp_path: Path) -> None:
     """A robot that points away from the screen has grey dashes in place of its beams; one that points at it has none."""
     robot = robot_of(URDF)
     q = np.array([[0.0, 0.0, 0.1], [0.0, 2.6, 0.1]])
-    data = measurements_from(robot, q, np.full((2, 2, 2), np.nan), poses=["at it", "away"])
+    data = spots_measured(robot, q, np.full((2, 2, 2), np.nan), poses=["at it", "away"])
     view_of(robot, data).write_html(tmp_path / "miss.html")
     browser.open(tmp_path / "miss.html")
     show_only(browser, "beams")

@@ -35,7 +35,7 @@ from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, load_robot, robot_from
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.camera import Camera
-from urdfcal.sensors.measurements import Measurements, as_measured, measurements_from
+from urdfcal.sensors.measurements import Measurements, as_measured, spots_measured
 from urdfcal.sensors.measurements_csv import write_measurements
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.simulation.readings import ReadingNoise, simulate_readings
@@ -170,7 +170,7 @@ def test_pixels_are_drawn_as_spots_and_on_rays(plain: dict[str, Robot], rng: np.
     camera = vision_camera()
     robot, grid, n = plain["panda"], Grid(4, 3, 0.05), 12
     errors, zero = random_truth(robot, rng, 0.0, 0.0)
-    bare = measurements_from(robot, draw_poses(robot, errors, zero, n, rng), np.full((n, 2, 2), np.nan))
+    bare = spots_measured(robot, draw_poses(robot, errors, zero, n, rng), np.full((n, 2, 2), np.nan))
     blank, none = np.full(n, ""), np.full(n, np.nan)
     spots = tuple(Readings("spot_pixel", laser, laser, rng.uniform(400, 700, (n, 2)), blank, none) for laser in robot.rig.lasers)
     scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene

@@ -39,7 +39,7 @@ from urdfcal.output.view.viewer import View, view_of
 from urdfcal.robot.configurations import joint_limits, whole_configurations
 from urdfcal.robot.robot import Robot, robot_from
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.sensors.measurements import Measurements, measurements_from
+from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import simulate
 from urdfcal.simulation.truth import random_truth
 
@@ -83,7 +83,7 @@ def test_beams_are_those_of_the_whole_robot(robots: dict[str, Robot], name: str,
     robot = robots[name]
     lower, upper = joint_limits(robot)
     q = rng.uniform(lower, upper, (5, len(lower)))
-    data = measurements_from(robot, q, np.full((5, len(robot.rig.lasers), 2), np.nan))
+    data = spots_measured(robot, q, np.full((5, len(robot.rig.lasers), 2), np.nan))
     beams, whole = placed_robot(robot, data).beams(q), whole_configurations(robot, q)
     frames = robot.model.createData()
     for pose, (placed, configuration) in enumerate(zip(screen_placements(robot, whole), whole, strict=True)):
@@ -359,7 +359,7 @@ def test_a_beam_that_was_seen_and_misses_is_said() -> None:
     robot = robot_of(URDF)
     errors = ErrorModel(robot.chain, (), ())
     q = np.array([[0.0, 0.0, 0.1], [0.0, np.pi, 0.1]])
-    data = measurements_from(robot, q, np.zeros((2, 2, 2)), poses=["home", "away"])
+    data = spots_measured(robot, q, np.zeros((2, 2, 2)), poses=["home", "away"])
     assert errors.names == ()
     assert "pose away: laser_1 was seen" in view_of(robot, data).warnings[0]
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Vector
 from urdfcal.calibration.analysis.suggestions import Suggestion, Trial, posterior_of, suggestions, whitened
 from urdfcal.calibration.start.begin import with_scale
@@ -21,7 +22,7 @@ from urdfcal.sensors.measurements import Measurements, as_measured, copies_warni
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Check:
     """What measurements can determine.
 
@@ -46,6 +47,11 @@ class Check:
     sigma: Vector
     suggestions: tuple[Suggestion, ...]
     warnings: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        """In a line."""
+        decided = f"a fit would determine {self.predicted.rank} of {len(self.errors.names)} directions"
+        return f"<{type(self).__name__} for {shown(self.robot.name)} by {self.data.counted} with {self.data.summary}: {decided}>"
 
 
 def check(

@@ -1,61 +1,74 @@
 """Calibration while measuring: one pose at a time, with the accuracy to be expected after each.
 
-Between two poses the state stands still, so a new pose is one Kalman update (14)-(15) of the belief, linearised at the present mean.
-What such an update leaves behind is the linearisation of the older poses, which was taken at means that have moved since. All poses
-are kept, therefore, and when the mean has moved by a sigma of its own, or the history has grown by half, the whole history
+Between two poses the state stands still, so a new pose is one Kalman update (14)-(15) of the belief. It is linearised where all poses
+before it were: Jacobians taken at one state agree on what no reading can see, and those taken at a mean that moves do not, so that a
+filter comes to believe that it sees it (Huang, Mourikis and Roumeliotis, 2010). As the mean moves away from there the linearisation
+ages. All poses are kept, therefore, and when the mean has moved by a sigma of its own, or the history has grown by half, the whole history
 is linearised afresh: the belief then is the maximum a posteriori estimate that `fit` gives of the same poses. As sigmas shrink this
 comes ever more seldom, and in between the belief differs from the batch answer by a small part of a sigma.
+
+Measuring frames, targets and places that poses share are found from nothing, which takes some poses. What is read of one of them for
+the first time waits aside until there is enough of it; then frames and all are found from the whole history, in which it is from there on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError
+from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
+from urdfcal.base.terminal import rounded
+from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.result import FitResult
+from urdfcal.calibration.start.begin import start_of, with_scale
+from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.chi_squared import chi_squared_gate
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, update
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
+from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import CHUNK
 from urdfcal.model.options import ModelOptions
+from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, measurements_from
-from urdfcal.sensors.registry import start_sigma_of
-from urdfcal.sensors.repeats import read_again
-from urdfcal.sensors.stated_noise import joint_sigmas, stating_kinds
+from urdfcal.sensors.in_memory import is_table, measurements_from
+from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
+from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
+from urdfcal.sensors.stated_noise import joint_sigmas, noise_for, noise_of, states_all, stating_kinds
 
-WORKSPACE = 50  # configurations over which accuracy is predicted
 _STALE = 1.0  # [sigmas] by which the mean may move before the history is linearised afresh
 _REST = 1e-3  # [sigmas] the last step of doing so
 _GROWTH = 1.5  # and by how much the history may grow
 _DISHONEST = 4.0  # sigmas of chi-squared beyond which the noise is not what it is taken for
 _MOST_SKIPPED = 3  # poses in a row that a gate may leave out: then it is the belief that is wrong
-_FREEDOM = 10.0  # degrees of freedom from which on the spot noise is estimated
+_FREEDOM = 10.0  # degrees of freedom from which on the noise is estimated
+_PLENTY = 1.5  # numbers to each of a measuring frame's and a target's before these are found from nothing
+_LEAST_POSES = 3  # and poses
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OnlineState:
     """What is known after a pose.
 
     Attributes:
         poses: How many poses the belief holds.
         belief: Mean and covariance of the parameters, [m] and [rad].
-        noise: Of spots and joints, as assumed in the belief.
+        noise: Of readings and joints, as assumed in the belief.
         nis: Normalised innovation squared of the last pose: chi-squared if pose and model are sound.
-        gate: Its 99.9 % quantile; 0 where the pose showed no spot.
+        gate: Its 99.9 % quantile; 0 where the pose had no reading.
         skipped: Why the last pose was left out; empty if it was not.
         relinearised: Whether the whole history was linearised afresh at this pose.
         spot_sigma_mm: Predicted error of a spot, without the noise of seeing it: RMS over configurations with every beam on the screen,
@@ -63,8 +76,9 @@ class OnlineState:
         tool_sigma_mm: Predicted position error of the tool relative to the base link (see `prediction`): RMS over the workspace, [mm].
         tool_sigma_max_mm: The same at the worst configuration of the workspace, [mm].
         tool_sigma_mrad: Predicted rotation error of the tool, RMS over the workspace, [mrad].
-        extra_noise_mm: What spots scatter beyond the noise that was stated with them, [mm].
-        misfit: Chi-squared of the history where it was linearised last; None before.
+        extra_noise: What readings scatter beyond the noise that was stated with them, by kind, [m], [rad] or [px].
+        misfit: Chi-squared of the history where it was linearised last, of the kind of reading that scatters most; None before.
+        waiting: Why some poses are not in the belief yet; empty if none waits.
         enough: Whether tool_sigma_mm is under the target, and the noise it rests on is known and no smaller than it is seen to be.
     """
 
@@ -79,8 +93,9 @@ class OnlineState:
     tool_sigma_mm: float
     tool_sigma_max_mm: float
     tool_sigma_mrad: float
-    extra_noise_mm: float
+    extra_noise: Mapping[str, float]
     misfit: Misfit | None
+    waiting: str
     enough: bool
 
     @property
@@ -98,16 +113,19 @@ class OnlineState:
         """Whether the last pose is one that could be expected."""
         return self.nis <= self.gate
 
+    def __repr__(self) -> str:
+        """In a line."""
+        accuracy = f"tool predicted to be {rounded(self.tool_sigma_mm, 3)} mm off (RMS), {rounded(self.tool_sigma_max_mm, 3)} mm at worst"
+        said = "".join(f"; {words}" for words in ("enough" if self.enough else "", self.skipped, self.waiting) if words)
+        return f"<{type(self).__name__} after {self.poses} {'pose' if self.poses == 1 else 'poses'}: {accuracy}{shown(said)}>"
+
 
 class OnlineCalibrator:
-    """Takes poses one by one; knows the belief and the accuracy to be expected after each.
+    """Takes poses one by one, of whatever sensors; knows the belief and the accuracy to be expected after each.
 
     Attributes:
         robot: The nominal robot.
-        errors: The error model.
-        tool: The link whose accuracy is predicted.
         target_mm: What tool_sigma_mm is to fall under, [mm].
-        state: What is known now.
     """
 
     def __init__(
@@ -116,12 +134,16 @@ class OnlineCalibrator:
         options: ModelOptions | None = None,
         *,
         spot_sigma: float | None = None,
+        sigmas: Mapping[str, float] | None = None,
         joint_sigma: float | Vector = 0.0,
         tool: str | None = None,
         target_mm: float | None = None,
         gate: bool = False,
         workspace: Matrix | None = None,
         rng: np.random.Generator | None = None,
+        reference: str | None = None,
+        camera: Any = None,
+        boards: Mapping[str, Grid] | None = None,
     ) -> None:
         """Start from the priors.
 
@@ -129,66 +151,103 @@ class OnlineCalibrator:
             robot: Nominal robot; left unchanged.
             options: What is to be calibrated, as for `fit`.
             spot_sigma: Noise of a spot coordinate, [m]; if None it is estimated from the residual as soon as there is enough of it.
+            sigmas: The same of other readings by kind: `point`, `orientation`, `distance` ...; [m], [rad] or [px].
             joint_sigma: Noise of a joint reading as for `fit`, [rad], one number or one a joint.
-            tool: Link whose pose relative to the base is to be accurate; the module by default.
+            tool: Link whose pose relative to the base is to be accurate; by default the module, or the target that most joints move.
             target_mm: Predicted position error of the tool that is good enough, [mm].
             gate: Leave out poses beyond the gate, but not one after the other without end: then the belief is wrong, and not they.
             workspace: Configurations over which the tool must be accurate, (n, inputs), [rad] or [m]; by default random within limits.
             rng: Source of randomness for the configurations.
+            reference: Link that the measuring frame stands on; by default `tracker`, or the root.
+            camera: What pixels are read with.
+            boards: Links that are boards, with the grids of their corners.
 
         Raises:
             UsageError: an option means nothing here, or the limits leave no workspace and none is given.
             RobotError: the tool is not a link that the calibrated joints move.
         """
-        _check(spot_sigma, target_mm, gate)
+        self._known = _known_noise(spot_sigma, sigmas or {})
+        _check(target_mm, gate, self._known)
         self.robot, self.target_mm, self.options = robot, target_mm, options or ModelOptions()
-        self.tool = default_tool(robot) if tool is None else tool
-        self.errors = build_error_model(robot.chain, robot.rig, self.options)
-        self._gated, self._stated, self._joint_sigma = gate, spot_sigma, joint_sigma
-        rng = rng or np.random.default_rng(0)
-        self._workspace = _anywhere(robot, rng) if workspace is None else workspace
-        self._views = self._poses_on_screen(rng)
-        self._prior = Belief.independent(self.errors.mean, self.errors.sigma)
-        self._history = _History(robot)
+        self._gated, self._joint_sigma, self._tool, self._asked_for = gate, joint_sigma, tool, workspace
+        self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards}
+        self._rng = rng or np.random.default_rng(0)
+        self._history, self._waiting = History(), list[tuple[int, Measurements]]()
         self._extra: dict[str, float] = {}
-        self._skipped = 0
+        self._skipped, self._taken = 0, 0
         self._misfit: Misfit | None = None
-        noise = Noise(spot_sigma or start_sigma_of("spot"), joint_sigmas(robot, joint_sigma), stated=spot_sigma is not None)
-        self._mark(self._prior.x)
-        self.state = self._state(self._prior, noise)
+        self._seen: Seen | None = None
+        self._state: OnlineState | None = None
+        if (nothing := no_spots(robot)) is not None:
+            self._look_at(nothing, placed=True)
 
-    def update(self, q: npt.ArrayLike, spots: npt.ArrayLike, sigma: npt.ArrayLike | None = None) -> OnlineState:
-        """Take one pose.
+    @property
+    def errors(self) -> ErrorModel:
+        """The error model, of all that was read so far.
+
+        Raises:
+            UsageError: nothing was read yet, and the robot has no lasers that it could be about.
+        """
+        return self._seeing.errors
+
+    @property
+    def tool(self) -> str:
+        """The link whose accuracy is predicted; raises as `errors`."""
+        return self._seeing.tool
+
+    @property
+    def state(self) -> OnlineState:
+        """What is known now; raises as `errors`."""
+        self._seeing  # noqa: B018  # says what is missing
+        assert self._state is not None
+        return self._state
+
+    @property
+    def _seeing(self) -> Seen:
+        if self._seen is None:
+            raise UsageError("no pose was taken yet; what is calibrated follows from what is read, since the robot has no lasers")
+        return self._seen
+
+    def __repr__(self) -> str:
+        """In a line."""
+        state = self._state
+        words = f"after {state.poses} {'pose' if state.poses == 1 else 'poses'}" if state is not None else "before any pose"
+        waiting = f", {len(self._waiting)} waiting" if self._waiting else ""
+        return f"<{type(self).__name__} of {shown(self.robot.name)} {words}{waiting}>"
+
+    def update(self, q: Any, readings: Any = None, sigma: npt.ArrayLike | None = None) -> OnlineState:
+        """Take one pose, or several one after the other.
+
+            update(row)                                        # a dictionary, a row of a DataFrame, or several rows: as in a file
+            update(q, {"tool0.point": p, "ball.socket": "a"})  # joint positions, and what sensors read
+            update(q, spots)                                   # joint positions, and the spots of all lasers
+            update(measurements)                               # all poses of some Measurements
 
         Args:
-            q: Joint positions in the order of `robot.chain.input_names`, (inputs,), [rad] or [m].
-            spots: (y, z) on the screen, (lasers, 2), [m]; nan where a beam was not seen.
-            sigma: Standard deviation of each spot, (lasers,), [m]; nan where nothing is stated.
+            q: Joint positions, (inputs,), [rad] or [m]; or a table or Measurements.
+            readings: What sensors read at this pose, by column or by `<target>.<sensor>`, as for `measurements_from` but for one pose:
+                `point` (3,) [m], `pose` (7,) or (4, 4), `distance` a number ...; or (y, z) of all lasers, (lasers, 2), [m], nan where a
+                beam was not seen.
+            sigma: With spots of all lasers: standard deviation of each, (lasers,), [m]; nan where nothing is stated.
 
         Raises:
             ShapeMismatch: the arrays do not fit the robot.
+            MeasurementError: a column or cell means nothing.
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
+            UsageError: there is a gate, and noise of what was read is not stated.
         """
-        pose = _one_pose(self.robot, q, spots, sigma, self._history.taken + 1)
-        linearisation = problem_of(self.errors, widened(pose, self._extra), self.state.noise).linearise(self.state.x)
-        self._history.taken += 1
-        if not linearisation.usable:
-            return self._refuse(pose)
-        belief, nis = _updated(self.state.belief, linearisation, self.state.noise)
-        gate = chi_squared_gate(linearisation.count)
-        if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
-            return self._skip(
-                f"pose {pose.poses[0]}: its spots are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate
-            )
-        again = self._history.holds(pose)  # shares what that pose has in common, which an update would take for something new
-        self._history.add(pose, again)
-        self._skipped = 0
-        fresh = self._settled(belief, self.state.noise) if linearisation.count and (again or self._stale(belief)) else None
-        self.state = self._state(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
+        poses = q if isinstance(q, Measurements) else self._measured(q, readings, sigma)
+        require_screen_of_camera(poses)
+        for row in range(len(poses)):
+            self._take(poses.subset([row]))
         return self.state
 
     def measurements(self) -> Measurements:
-        """The poses that the belief holds."""
+        """The poses that the belief holds.
+
+        Raises:
+            UsageError: there are none, and the robot has no lasers that they could be of.
+        """
         return self._history.measurements()
 
     def calibration(self, gated: bool = False, evidence: bool = False) -> FitResult:
@@ -196,75 +255,235 @@ class OnlineCalibrator:
 
         Args:
             gated: Look for outliers as `fit` does.
-            evidence: Choose the joints' priors by the data as `fit` does; without both the answer is what the belief approximates.
+            evidence: Choose the joints' priors by the data as `fit` does. With either of both the residuals are asked what the model lacks,
+                too; without both the answer is what the belief approximates.
 
         Raises:
-            UsageError: no spot has been seen yet.
+            UsageError: nothing has been read yet.
         """
-        if not self._history.seen:
-            raise UsageError("no pose with a spot has been taken yet; there is nothing to fit")
-        how: dict[str, Any] = {"spot_sigma": self._stated, "joint_sigma": self._joint_sigma, "gated": gated, "evidence": evidence}
-        return fit(self.robot, self.measurements(), options=self.options, **how)
+        if not self._history.numbers:
+            waiting = f": {self._state.waiting}" if self._state is not None and self._state.waiting else ""
+            raise UsageError(f"no pose with a reading has been taken yet; there is nothing to fit{waiting}")
+        data = self.measurements()
+        stated = {kind: sigma for kind, sigma in self._known.items() if kind in data.kinds and not states_all(data, kind)}
+        how: dict[str, Any] = {
+            "sigmas": stated,
+            "joint_sigma": self._joint_sigma,
+            "gated": gated,
+            "evidence": evidence,
+            "asking": gated or evidence,
+        }
+        return fit(self.robot, data, options=self.options, **how)
 
-    def _refuse(self, pose: Measurements) -> OnlineState:
+    def _measured(self, q: Any, readings: Any, sigma: npt.ArrayLike | None) -> Measurements:
+        """What was given, as measurements."""
+        label = [str(self._taken + 1)]
+        if is_table(q):
+            table = _as_rows({str(name): q[name] for name in (q.columns if hasattr(q, "columns") else q.keys())})
+            number = None if "pose" in table or len(next(iter(table.values()), ())) > 1 else label
+            return measurements_from(self.robot, table, readings, poses=number, **self._how)
+        positions = np.asarray(q, dtype=float)[None]
+        if is_table(readings):
+            one = {name: np.asarray(value)[None] for name, value in dict(readings).items()}
+            return measurements_from(self.robot, positions, one, poses=label, **self._how)
+        places, expected = np.asarray(readings, dtype=float), (len(self.robot.rig.lasers), 2)
+        if places.shape != expected:
+            raise ShapeMismatch(f"the spots of one pose have shape (lasers, 2) = {expected}, found {places.shape}")
+        stated = None if sigma is None else np.asarray(sigma, dtype=float)[None]
+        return spots_measured(self.robot, positions, places[None], sigma=stated, poses=label)
+
+    def _take(self, pose: Measurements) -> None:
+        """One pose: an update of the belief, or a look at the whole history where it shows something new."""
+        if self._gated:
+            _require_stated(pose, self._known)
+        self._taken += 1
+        if self._seen is None or not self._seen.knows(pose):
+            self._open(pose)
+            return
+        linearisation = self._problem(pose).linearise(self._linearised_at).of_poses(1)
+        if not linearisation.usable:
+            self._refuse(pose, linearisation)
+            return
+        noise = noise_for(self.state.noise, self._seen.kinds, pose)
+        belief, nis = _updated(self.state.belief, linearisation, noise, self._linearised_at)
+        gate = chi_squared_gate(linearisation.count)
+        if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
+            read = noun(pose.kinds[0]) if len(pose.kinds) == 1 else "readings"
+            self._skip(f"pose {pose.poses[0]}: its {read} are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate)
+            return
+        again = self._history.holds(pose)  # shares what that pose has in common, which an update would take for something new
+        self._history.add(self._taken, pose, again)
+        self._skipped = 0
+        fresh = self._settled(self._history.measurements()) if linearisation.count and (again or self._stale(belief)) else None
+        self._state = self._state_of(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
+
+    def _open(self, pose: Measurements) -> None:
+        """A pose that shows what was not seen before: into the belief with all that waits as soon as it can be placed."""
+        self._waiting.append((self._taken, pose))
+        if not self._history.count:
+            self._history = History()  # without the lasers that were expected
+        every = in_order([*self._history.parts, *self._waiting])
+        if not self._history.count:
+            self._look_at(every, placed=False)
+        try:
+            found = self._settled(every, new=True)
+        except NotYet as told:
+            self._state = replace(self.state, waiting=str(told), skipped="", relinearised=False)
+            return
+        if found is None:
+            self._state = replace(self.state, waiting="the fit of all poses does not come to rest yet", skipped="", relinearised=False)
+            return
+        for number, waiting in self._waiting:
+            self._history.add(number, waiting, self._history.holds(waiting))
+        self._waiting.clear()
+        self._state = self._state_of(*found, relinearised=True)
+
+    def _problem(self, pose: Measurements) -> Problem:
+        return problem_of(self.errors, widened(pose, self._extra), self.state.noise)
+
+    def _refuse(self, pose: Measurements, linearisation: Linearisation) -> None:
         """A pose that the model cannot produce."""
         why = f"pose {pose.poses[0]}: a beam was seen that in the present model does not meet the screen; check the joints' units and signs"
         if not self._gated:
             raise FitRejected(why)
-        return self._skip(why, np.inf, chi_squared_gate(2 * int(pose.seen.sum())))
+        self._skip(why, np.inf, chi_squared_gate(linearisation.count))
 
-    def _skip(self, why: str, nis: float, gate: float) -> OnlineState:
+    def _skip(self, why: str, nis: float, gate: float) -> None:
         """The belief as it was, and why."""
         self._skipped += 1
-        self.state = replace(self.state, nis=nis, gate=gate, skipped=why, relinearised=False)
-        return self.state
+        self._state = replace(self.state, nis=nis, gate=gate, skipped=why, relinearised=False)
 
     def _stale(self, belief: Belief) -> bool:
         """Whether the history is to be linearised afresh."""
         moved = np.max(np.abs(belief.x - self._linearised_at) / np.sqrt(np.diag(belief.P)))
         return bool(moved > _STALE or len(self._history) >= _GROWTH * self._linearised_poses)
 
-    def _settled(self, belief: Belief, noise: Noise) -> tuple[Belief, Noise] | None:
-        """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had."""
-        data = self.measurements()
-        extra, model = self._extra, problem_of(self.errors, widened(data, self._extra), noise)
-        found = self._batch(model, belief, noise)
-        if found.converged and stating_kinds(data) and (extra or _misfit_of(model, found).sigmas > MORE):
-            extra = extra_noise(model, found.belief.x, found.noise, data, ["spot"])
-            model = problem_of(self.errors, widened(data, extra), noise)
-            found = self._batch(model, found.belief, noise)
+    def _model_of(self, data: Measurements) -> tuple[Robot, ErrorModel]:
+        """The robot as some measurements see it, and its error model before anything is placed."""
+        robot = as_measured(self.robot, data)
+        sessions = data.session_names or ("",)
+        return robot, with_scale(build_error_model(robot.chain, robot.rig, self.options, sessions), data)[0]
+
+    def _look_at(self, data: Measurements, placed: bool) -> None:
+        """Start from the priors of what some measurements see; what is not `placed` waits."""
+        robot, errors = self._model_of(data)
+        noise = self._noise_of(data)
+        self._seen = self._as_seen(robot, errors, data, placed)
+        if placed:
+            self._history.add(0, data, again=True)
+        self._mark(errors.mean)
+        self._state = self._state_of(Belief.independent(errors.mean, errors.sigma), noise)
+
+    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: bool = True) -> Seen:
+        """The same with tool, workspace and views, which stay as long as the robot is seen so."""
+        if self._seen is not None and self._seen.robot == robot:
+            return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
+        tool = default_tool(robot) if self._tool is None else self._tool
+        workspace = _anywhere(robot, self._rng) if self._asked_for is None else self._asked_for
+        return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
+
+    def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
+        """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had.
+
+        Args:
+            data: The history.
+            new: Whether something in it was not placed yet.
+
+        Raises:
+            NotYet: says what it takes to place it.
+        """
+        robot, errors = self._model_of(data)
+        if new:
+            self._require_enough(errors)
+        noise = self._noise_of(data)
+        nominal = placed_instruments(errors, data, noise)
+        extra, model = self._extra, problem_of(nominal.errors, widened(data, self._extra), noise)
+        found = self._batch(model, self._starts(nominal, data, noise), noise)
+        if found.converged and stating_kinds(data) and (extra or _worst(model, found).sigmas > MORE):
+            kinds = [kind for kind in data.kinds if kind in stating_kinds(data)]
+            extra = extra_noise(model, found.belief.x, found.noise, data, kinds)
+            model = problem_of(nominal.errors, widened(data, extra), noise)
+            found = self._batch(model, [found.belief.x], noise)
         if not found.converged:
             return None
-        self._extra, self._misfit = extra, _misfit_of(model, found)
-        self._mark(found.belief.x)
+        self._seen = self._as_seen(robot, nominal.errors, data)
+        self._extra, self._misfit = extra, _worst(model, found)
+        self._mark(found.belief.x, len(data))
         return found.belief, found.noise.released(noise)
 
-    def _batch(self, model: Problem, belief: Belief, noise: Noise) -> Estimate:
-        held = noise.all_stated or self._freedom(belief) < _FREEDOM
-        return iterated_schedule(model.linearise, self._prior, noise.hold() if held else noise, start=belief.x, tolerance=_REST)
+    def _require_enough(self, errors: ErrorModel) -> None:
+        """Refuse to place what was read too little of.
 
-    def _freedom(self, belief: Belief) -> float:
+        Raises:
+            NotYet: says how much there is.
+        """
+        known = set(self.errors.names) if self._history.numbers else set()
+        new = [parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS and parameter.name not in known]
+        wide = sum(parameter.kind != "place" for parameter in new)
+        numbers, needed = sum(pose.numbers for _, pose in self._waiting), ceil(_PLENTY * wide) + len(new) - wide
+        if numbers < needed or (wide and len(self._waiting) < _LEAST_POSES):
+            what = ", ".join(dict.fromkeys(parameter.name.rpartition(".")[0] for parameter in new))
+            poses = f"{len(self._waiting)} {'pose waits' if len(self._waiting) == 1 else 'poses wait'}"
+            raise NotYet(
+                f"{poses} until {what} can be placed: {numbers} numbers were read, it takes {needed} in {_LEAST_POSES} poses or more"
+            )
+
+    def _noise_of(self, data: Measurements) -> Noise:
+        """Noise as it is stated, or as far as it has been found."""
+        noise = noise_of(data, self._known, joint_sigmas(as_measured(self.robot, data), self._joint_sigma))
+        stated = np.array([kind in self._known or states_all(data, kind) for kind in data.kinds])
+        last = {} if self._state is None else dict(zip(self._seeing.kinds, range(len(self._seeing.kinds)), strict=True))
+        sigma, common = noise.sigma.copy(), noise.common.copy()
+        for index, kind in enumerate(data.kinds):
+            if kind in last and self._state is not None:
+                common[index] = self._state.noise.common[last[kind]]
+                sigma[index] = sigma[index] if stated[index] else self._state.noise.sigma[last[kind]]
+        return replace(noise, sigma=sigma, stated=stated, common=common)
+
+    def _starts(self, nominal: NominalFit, data: Measurements, noise: Noise) -> list[Vector]:
+        """Where to begin: where the belief has the robot, with instruments as they suit the nominal one; else with all of that."""
+        begin = start_of(data, nominal.errors, noise, nominal.x, sane=False) if not self._history.numbers else nominal.x
+        if self._state is None:
+            return [begin]
+        believed = dict(zip(self.errors.names, self.state.x.tolist(), strict=True))
+        own = [parameter.name in believed and parameter.kind not in INSTRUMENTS for parameter in nominal.errors.parameters]
+        named = [believed.get(name, 0.0) for name in nominal.errors.names]
+        return [np.where(own, named, begin), begin]
+
+    def _batch(self, model: Problem, starts: list[Vector], noise: Noise) -> Estimate:
+        """The estimate from the first of some starts from which there is one."""
+        errors = model.errors
+        prior = Belief.independent(errors.mean, errors.sigma)
+        held = noise.all_stated or self._freedom(model.data.numbers, self._state) < _FREEDOM
+        for start in starts:
+            found = iterated_schedule(model.linearise, prior, noise.hold() if held else noise, start=start, tolerance=_REST)
+            if found.converged:
+                break
+        return found
+
+    def _freedom(self, numbers: int, state: OnlineState | None) -> float:
         """Measurements less the parameters that they decide; several readings of one pose are one."""
-        decided = len(self.errors.names) - float(np.sum(np.diag(belief.P) / self.errors.sigma**2))
-        return 2 * self._history.seen - decided
+        if state is None:
+            return 0.0
+        decided = len(self.errors.names) - float(np.sum(np.diag(state.belief.P) / self.errors.sigma**2))
+        return numbers - decided
 
-    def _mark(self, x: Vector) -> None:
+    def _mark(self, x: Vector, poses: int = 0) -> None:
         """Remember where the history was linearised, and take the Jacobians of what is predicted there."""
-        self._linearised_at, self._linearised_poses = x, len(self._history)
-        tool = tool_jacobian(self.robot, self.errors, x, self.tool, self._workspace)
-        spots = spot_jacobians(self.errors, x, self._views)
+        seen = self._seeing
+        self._linearised_at, self._linearised_poses = x, poses
+        tool = tool_jacobian(seen.robot, seen.errors, x, seen.tool, seen.workspace)
+        spots = spot_jacobians(seen.errors, x, seen.views) if len(seen.views) else np.empty((0, 0, 2, len(x)))
         spots = spots[np.isfinite(spots).all(axis=(1, 2, 3))]
         self._sizes = len(tool), spots.shape[0] * spots.shape[1]
         self._rows = np.vstack([part.reshape(-1, len(x)) for part in (tool[:, :3], tool[:, 3:], spots)])
 
-    def _state(self, belief: Belief, noise: Noise, nis: float = 0.0, gate: float = 0.0, relinearised: bool = False) -> OnlineState:
+    def _state_of(self, belief: Belief, noise: Noise, nis: float = 0.0, gate: float = 0.0, relinearised: bool = False) -> OnlineState:
         variance = np.sum((self._rows @ belief.P) * self._rows, axis=1)
         n, beams = self._sizes
         position, rotation, spot = variance[: 3 * n], variance[3 * n : 6 * n], variance[6 * n :]
         tool = float(np.sqrt(position.sum() / n)) / MM
-        known = noise.all_stated or self._freedom(belief) >= _FREEDOM
-        honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
-        return OnlineState(
+        state = OnlineState(
             poses=len(self._history),
             belief=belief,
             noise=noise,
@@ -276,16 +495,14 @@ class OnlineCalibrator:
             tool_sigma_mm=tool,
             tool_sigma_max_mm=float(np.sqrt(position.reshape(n, 3).sum(axis=1).max())) / MM,
             tool_sigma_mrad=float(np.sqrt(rotation.sum() / n)) * 1e3,
-            extra_noise_mm=self._extra.get("spot", 0.0) / MM,
+            extra_noise=dict(self._extra),
             misfit=self._misfit,
-            enough=self.target_mm is not None and known and honest and tool < self.target_mm,
+            waiting=self._state.waiting if self._state is not None and self._waiting else "",
+            enough=False,
         )
-
-    def _poses_on_screen(self, rng: np.random.Generator) -> Matrix:
-        try:
-            return draw_poses(self.robot, self.errors, self.errors.mean, WORKSPACE, rng)
-        except UsageError:  # too rare to be found at random: the error of the spots stays unknown, that of the tool does not
-            return np.empty((0, len(self.robot.chain.inputs)))
+        known = noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
+        honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
+        return replace(state, enough=self.target_mm is not None and known and honest and bool(len(self._history)) and tool < self.target_mm)
 
 
 def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
@@ -295,64 +512,55 @@ def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
     return rng.uniform(lower, upper, (WORKSPACE, len(lower)))
 
 
-class _History:
-    """All poses in arrays that grow by doubling."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self.taken, self.count, self.seen = robot, 0, 0, 0
-        lasers = len(robot.rig.lasers)
-        self.q, self.spots = np.empty((CHUNK, len(robot.chain.inputs))), np.empty((CHUNK, lasers, 2))
-        self.sigma, self.labels = np.empty((CHUNK, lasers)), np.empty(CHUNK, dtype="U20")
-
-    def __len__(self) -> int:
-        return self.count
-
-    def holds(self, pose: Measurements) -> bool:
-        """Whether this is a further reading of a pose that is held."""
-        return read_again(self.q[: self.count], pose.q[0])
-
-    def add(self, pose: Measurements, again: bool) -> None:
-        if self.count == len(self.q):
-            for name in ("q", "spots", "sigma", "labels"):
-                old = getattr(self, name)
-                setattr(self, name, np.concatenate([old, np.empty_like(old)]))
-        self.q[self.count], self.spots[self.count], self.sigma[self.count] = pose.q[0], pose.spots[0], pose.sigma[0]
-        self.labels[self.count] = pose.poses[0]
-        self.count, self.seen = self.count + 1, self.seen + (0 if again else int(pose.seen.sum()))
-
-    def measurements(self) -> Measurements:
-        n = self.count
-        labels = self.labels[:n].tolist()
-        return measurements_from(self.robot, self.q[:n].copy(), self.spots[:n].copy(), sigma=self.sigma[:n].copy(), poses=labels)
+def _worst(model: Problem, found: Estimate) -> Misfit:
+    """Of the kind of reading that scatters most beyond its noise."""
+    every = misfits(model.linearise(found.belief.x), found.noise, found.belief.P)
+    return max(every, key=lambda own: own.sigmas)
 
 
-def _misfit_of(model: Problem, found: Estimate) -> Misfit:
-    return misfits(model.linearise(found.belief.x), found.noise, found.belief.P)[0]
-
-
-def _updated(belief: Belief, linearisation: Linearisation, noise: Noise) -> tuple[Belief, float]:
-    """The belief after one pose, and its normalised innovation squared."""
+def _updated(belief: Belief, linearisation: Linearisation, noise: Noise, at: Vector) -> tuple[Belief, float]:
+    """The belief after one pose that was linearised at some state, (p,), and its normalised innovation squared."""
     if not linearisation.count:
         return belief, 0.0
     weights = noise.weights(linearisation)
     rows = linearisation.measured.ravel()
     innovation, H = weights.residual(linearisation)[rows], weights.jacobian(linearisation)[rows]
-    return update(belief, innovation, H, np.eye(len(innovation)))
+    return update(belief, innovation - H @ (belief.x - at), H, np.eye(len(innovation)))
 
 
-def _one_pose(robot: Robot, q: npt.ArrayLike, spots: npt.ArrayLike, sigma: npt.ArrayLike | None, number: int) -> Measurements:
-    places = np.asarray(spots, dtype=float)
-    stated = None if sigma is None else np.asarray(sigma, dtype=float)[None]
-    expected = (len(robot.rig.lasers), 2)
-    if places.shape != expected:
-        raise ShapeMismatch(f"the spots of one pose have shape (lasers, 2) = {expected}, found {places.shape}")
-    return measurements_from(robot, np.asarray(q, dtype=float)[None], places[None], sigma=stated, poses=[str(number)])
+def _as_rows(cells: dict[str, Any]) -> dict[str, Any]:
+    """Columns by name; those of one row where any cell of it is no column."""
+    one = any(np.ndim(values) == 0 for values in cells.values())
+    return {name: np.asarray(values)[None] for name, values in cells.items()} if one else cells
 
 
-def _check(spot_sigma: float | None, target_mm: float | None, gate: bool) -> None:
+def _known_noise(spot_sigma: float | None, sigmas: Mapping[str, float]) -> dict[str, float]:
+    """Noise that is stated, by kind.
+
+    Raises:
+        UsageError: there is no such kind, or it is not above zero.
+    """
     if spot_sigma is not None and not spot_sigma > 0:
         raise UsageError(f"the spot noise must be above zero, found {spot_sigma:g} m")
+    for kind, sigma in sigmas.items():
+        if kind not in WORDS:
+            raise UsageError(f"sigmas: {no_such('kind', kind, WORDS)}")
+        if not 0 < sigma < np.inf:
+            raise UsageError(f"the {kind} noise must be above zero and finite, found {sigma:g}")
+    return {**sigmas, **({} if spot_sigma is None else {"spot": spot_sigma})}
+
+
+def _require_stated(pose: Measurements, known: Mapping[str, float]) -> None:
+    """Refuse a reading whose noise a gate would have to guess."""
+    for kind in pose.kinds:
+        if kind not in known and not states_all(pose, kind):
+            raise UsageError(
+                f"a gate needs to know the noise; state that of {noun(kind)} in sigmas, as {{'{kind}': {start_sigma_of(kind):g}}}"
+            )
+
+
+def _check(target_mm: float | None, gate: bool, known: Mapping[str, float]) -> None:
     if target_mm is not None and not target_mm > 0:
         raise UsageError(f"the target must be above zero, found {target_mm:g} mm")
-    if gate and spot_sigma is None:
-        raise UsageError("a gate needs to know the noise; state spot_sigma")
+    if gate and not known:
+        raise UsageError("a gate needs to know the noise; state spot_sigma, or sigmas of other readings")

@@ -14,9 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Vector
 from urdfcal.base.minus import with_minus
 from urdfcal.base.progress import each
+from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
@@ -69,7 +71,7 @@ class HeldOut:
         return self.sag / self.geometry if self.geometry else 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SagFit:
     """A joint fit of geometry and sag.
 
@@ -94,6 +96,11 @@ class SagFit:
     kept: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """In a line."""
+        terms = f"{len(self.softness.terms)} ways to give way" if self.errors.soft is not None else "rigid"
+        return f"<{type(self).__name__} of {shown(self.calibration.robot.name)}: {terms}, {rounded(self.gain, 3)} nats over geometry alone>"
 
     @property
     def softness(self) -> Softness:

@@ -32,7 +32,7 @@ from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
-from urdfcal.sensors.measurements import Measurements, as_measured, measurements_from, start_sigma
+from urdfcal.sensors.measurements import Measurements, as_measured, spots_measured, start_sigma
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.spots import beams_at, beams_of, spot_jacobian
@@ -194,7 +194,7 @@ def _range_on_the_screen(trial: Trial, rng: np.random.Generator) -> Iterator[tup
         q = q[_meets_screen(errors, q)][rng.permutation(np.count_nonzero(_meets_screen(errors, q)))][: len(data)]
         if len(q) < len(data) // 2 or not is_wider(q[:, index], data.q[:, index]):
             continue
-        poses = measurements_from(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
+        poses = spots_measured(robot, q, np.zeros((len(q), len(robot.rig.lasers), 2)))
         first = replace(poses, sessions=np.full(len(q), errors.sessions[0]))
         has, reach = in_words(data.q[:, index], joint), in_words(q[:, index], joint)
         words = f"more range of {joint.name}: it moves from {has}, the beams stay on the screen from {reach}"

@@ -15,7 +15,9 @@ from typing import Literal
 import numpy as np
 
 from urdfcal.base.errors import FitRejected
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.notebook import Tone
 from urdfcal.base.terminal import many, rounded
 from urdfcal.calibration.analysis.clusters import usual_tables
 from urdfcal.calibration.analysis.concerns import objections, reservations
@@ -28,6 +30,7 @@ from urdfcal.model.parameters import DEFAULT_PRIORS
 from urdfcal.sensors.sensor import MAIN_UNIT
 
 Use = Literal["yes", "reservations", "no"]
+TONES: dict[Use, Tone] = {"yes": "good", "reservations": "warn", "no": "bad"}
 SUMMARY: dict[Use, str] = {"yes": "can be used", "reservations": "can be used, with reservations", "no": "do not use"}
 
 CLEARLY, SURELY = 0.97, 0.99  # probabilities of being better than the nominal robot
@@ -58,7 +61,7 @@ class Finding:
     more: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Verdict:
     """May this calibration be used?
 
@@ -75,6 +78,15 @@ class Verdict:
     tool: ToolAccuracy | None = field(default=None, compare=False)
     advice: tuple[str, ...] = ()
     spots: Gain | None = field(default=None, compare=False)
+
+    def __repr__(self) -> str:
+        """In a line."""
+        return f"<{type(self).__name__}: {shown(self.words)}>"
+
+    def _repr_html_(self) -> str:
+        from urdfcal.base.notebook import card
+
+        return card(self.summary, (*self.reasons, *self.advice), tone=TONES[self.use])
 
     @property
     def summary(self) -> str:

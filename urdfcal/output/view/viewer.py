@@ -29,8 +29,8 @@ from urdfcal.sensors.measurements import (
     as_measured,
     as_spots,
     in_pixels,
-    measurements_from,
     require_screen_of_camera,
+    spots_measured,
     unreached_words,
 )
 
@@ -174,4 +174,4 @@ def _one_pose(robot: Robot) -> Measurements:
     except UsageError:
         drawn = middle[None]
     q = drawn[np.argmin(np.linalg.norm((drawn - middle) / half, axis=1))][None]
-    return measurements_from(robot, q, np.full((1, len(robot.rig.lasers), 2), np.nan), poses=["shown"])
+    return spots_measured(robot, q, np.full((1, len(robot.rig.lasers), 2), np.nan), poses=["shown"])

@@ -45,6 +45,8 @@ class Picture:
         caption: How it is to be read; may be empty.
         svg: The drawing.
         keys: What its legend says, in reading order.
+        draw: Draws it in a pair of axes, these or others of the same kind.
+        height: Of these, [px]; 0 where both have the same scale.
     """
 
     gallery: str
@@ -52,6 +54,8 @@ class Picture:
     caption: str
     svg: str
     keys: tuple[Key, ...]
+    draw: Callable[[Axes], None]
+    height: float
 
 
 def look_of(index: int) -> tuple[str, str]:
@@ -72,7 +76,7 @@ def draw_picture(gallery: str, title: str, caption: str, height: float, draw: Ca
         role="img",
         aria_label=" ".join(each for each in (f"{title}.", caption, f"{axes.y_label or 'Rows'} against {axes.x_label}.") if each),
     )
-    return Picture(gallery, title, caption, drawing, tuple(_key(label, look) for label, look in axes.keys.items()))
+    return Picture(gallery, title, caption, drawing, tuple(_key(label, look) for label, look in axes.keys.items()), draw, height)
 
 
 @dataclass(frozen=True)
