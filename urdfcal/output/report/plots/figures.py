@@ -23,6 +23,7 @@ from urdfcal.output.report.plots.svg import Picture
 
 _INCH = 80.0  # [px] of a picture that stand on an inch
 _WIDTH = 4.4  # [inches] of a picture
+_HANDLE, _LETTER = 0.55, 0.07  # [inches] of a legend's entry, about
 _AROUND = 1.1  # [inches] above and below the axes: title, labels, legend
 _SQUARE = 3.4  # [inches] of a picture whose axes have the same scale
 _STYLE: dict[str, Any] = {
@@ -68,7 +69,12 @@ def _draw(part: SubFigure, picture: Picture) -> None:
     part.suptitle(picture.title, fontsize=10)
     handles, labels = axes.own.get_legend_handles_labels()
     if handles:
-        part.legend(handles, labels, loc="outside lower center", ncols=max(1, min(4, len(labels))), frameon=False, fontsize=8)
+        part.legend(handles, labels, loc="outside lower center", ncols=_columns(labels), frameon=False, fontsize=8)
+
+
+def _columns(labels: Sequence[str]) -> int:
+    """How many labels stand beside each other."""
+    return max(1, min(4, len(labels), int(_WIDTH / (_HANDLE + _LETTER * max(map(len, labels))))))
 
 
 @dataclass
