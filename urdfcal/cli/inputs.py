@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import urdfcal
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import asked_quiet, warn
 
@@ -351,14 +350,7 @@ def expanded_note(robot: Robot) -> str:
 
 
 def arm7_file() -> Path:
-    """The arm of Table I: its folder is in the package where that is installed, and beside the package in a checkout.
+    """The arm of Table I, which comes along."""
+    from urdfcal.robot.packages import own_package
 
-    Raises:
-        UsageError: it is in neither.
-    """
-    package = Path(urdfcal.__file__).parent
-    for folder in (package, package.parent):
-        arm7 = folder / "robots" / "arm7" / "arm7.urdf.xacro"
-        if arm7.exists():
-            return arm7
-    raise UsageError(f"robots/arm7/arm7.urdf.xacro is neither in {package} nor beside it; name the arm's file")
+    return own_package() / "robots" / "arm7" / "arm7.urdf.xacro"
