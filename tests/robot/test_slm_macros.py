@@ -99,7 +99,9 @@ def test_the_macros_are_found_from_anywhere(tmp_path: Path) -> None:
         texts.append(load_robot(path).description.text)
     assert texts[0] == texts[1] == texts[2]
     path.write_text((ROBOTS_DIR / "ur5" / "ur5.urdf.xacro").read_text())
-    with pytest.raises(RobotError, match=r"slm\.urdf\.xacro cannot be read: .*; it comes with urdfcal: include \$\(find urdfcal\)/robots/slm"):
+    with pytest.raises(
+        RobotError, match=r"slm\.urdf\.xacro cannot be read: .*; it comes with urdfcal: include \$\(find urdfcal\)/robots/slm"
+    ):
         load_robot(path)
 
 

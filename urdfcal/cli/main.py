@@ -25,6 +25,7 @@ from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
+from urdfcal.cli.rig_command import rig
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.streams import about_stdout, drop_stdout, our_streams, require_written, settle, unprinted
@@ -43,7 +44,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for _command in (fit, measurements, evaluate, check, dh, simulate, apply, paper, view, camera, markers, spots, render, module):
+for _command in (fit, measurements, evaluate, check, dh, rig, simulate, apply, paper, view, camera, markers, spots, render, module):
     app.command(cls=SimulateCommand if _command is simulate else OurCommand, **described(_command.__name__))(_command)
 
 

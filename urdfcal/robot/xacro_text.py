@@ -57,6 +57,19 @@ def _comes_along(filename: str) -> str:
     return f"; it comes with {OWN}: include $(find {OWN})/robots/{name}" if there else ""
 
 
+def expanded_calls(calls: str) -> str:
+    """What calls of our own macros expand to: elements as they stand right under <robot>, two blanks deeper each level, in lines."""
+    import xacro
+
+    include = f'<xacro:include filename="$(find {OWN})/robots/slm.urdf.xacro"/>'
+    with _our_look_up((), {}), contextlib.redirect_stderr(io.StringIO()):
+        xacro.init_stacks(None)
+        document = xacro.parse(f'<robot name="rig" xmlns:xacro="http://www.ros.org/wiki/xacro">{include}{calls}</robot>')
+        xacro.process_doc(document)
+        text: str = document.documentElement.toprettyxml(indent="  ")
+    return "".join(f"{line.rstrip()}\n" for line in text.splitlines()[1:-1] if line.strip())
+
+
 def _document(text: bytes) -> xml.dom.minidom.Document:
     """XML known to be well-formed, for xacro; an undeclared prefix is a part of the name."""
     try:
