@@ -25,16 +25,11 @@ ROBOT = (
     + joint("j4", "c", "tool", '<origin xyz="0.3 0 0"/><axis xyz="1 0 0"/>').replace('9"', '1.5"')
     + "</robot>\n"
 )
-CAMERA = """size_px: [1280, 960]
-lens: plain
-intrinsics: {fx: 1100, fy: 1100, cx: 640, cy: 480, k1: -0.1, k2: 0.02, p1: 0, p2: 0, k3: 0}
-"""
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "r.urdf").write_text(ROBOT)
-    (tmp_path / "camera.yaml").write_text(CAMERA)
     return tmp_path
 
 

@@ -135,8 +135,8 @@ def test_a_camera_stands_before_what_it_looks_at(rng: np.random.Generator) -> No
 
 
 WRONG = {
-    ("--sensor", "pixels:tool0"): "tool0 is to be read in pictures: name the camera's lens with --camera CAMERA.yaml",
-    ("--camera", "camera.yaml"): "--camera camera.yaml: nothing is read by it; name a target with --sensor pixels:LINK, or a board with",
+    ("--sensor", "pixels:tool0", "-o", "-"): "-o -: the camera of these pixels would not be kept; name its lens with --camera YAML",
+    ("--camera", "camera.yaml"): "--camera camera.yaml: nothing is read by it; name a board with --board or --rig, or --sensor pixels:LINK",
     ("--camera", "camera.yaml", "--board", "9x6:25mm"): "--board 9x6:25mm: expected the link that it is, too, such as board=9x6:25mm",
     ("--camera", "camera.yaml", "--board", "tool0=9x6"): "--board 9x6: expected COLUMNSxROWS:SQUARE such as 9x6:25mm",
     ("--camera", "camera.yaml", "--board", "tool=9x6:25mm"): "no link named 'tool' among 15 links; did you mean 'tool0'?",
@@ -172,6 +172,7 @@ def test_the_file_says_what_a_fit_has_to_be_told(run_cli: Run, tmp_path: Path) -
     checked = run_cli("check", UR5, "m.csv", *told.partition("fit ... ")[2].split(), "--rig", "rig.yaml")
     assert checked.code == 0, checked.err
     assert "spots or targets in pictures" in checked.out
+    assert not (tmp_path / "m_camera.yaml").exists()
     shares = []
     for side in ("3", "2,1"):
         err = run_cli("simulate", UR5, "-o", "s.csv", "--poses", "5", "--screen-size-m", side).err

@@ -246,8 +246,8 @@ def _following(output: Path, notes: Path | None, pieces: list[Piece], base: str 
     if "slm" in links:
         ways = (f"-o try.csv{rig}", f"try.csv{rig}")
     elif "board" in links:
-        with_camera = f" --camera camera.yaml --rig {shlex.quote(str(notes or 'rig.yaml'))}"
-        ways = (f"-o try.csv{with_camera}", f"try.csv{with_camera}")
+        boards = f" --rig {shlex.quote(str(notes or 'rig.yaml'))}"
+        ways = (f"-o try.csv{boards}", f"try.csv --camera try_camera.yaml{boards}")
     else:
         reference = f" --reference {shlex.quote(base)}" if base else ""
         ways = (f"-o try.csv --sensor point:{links['target'][0]}{reference}", f"try.csv{reference}")

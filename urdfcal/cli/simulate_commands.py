@@ -16,6 +16,7 @@ from urdfcal.cli.inputs import (
     about,
     arm7_file,
     camera_of,
+    listed,
     load,
     require_boards,
     rig_file_of,
@@ -128,7 +129,7 @@ def simulate(
         typer.Option(
             metavar="KIND:LINK",
             help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
-            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: laser, or the board with --camera and a board.",
+            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: the boards of --board and --rig, else laser.",
             show_default=False,
         ),
     ] = None,
@@ -143,7 +144,7 @@ def simulate(
         typer.Option(
             "--camera",
             metavar="YAML",
-            help="Lens that pixels are read with; it stands where it sees much.",
+            help="Lens that pixels are read with; it stands where it sees much. Default: a usual one, written to <stem>_camera.yaml.",
             show_default=False,
             rich_help_panel=RIG,
         ),
@@ -219,8 +220,14 @@ def simulate(
     require_boards(arm, rig_file)
     output = named(output, f"{arm.description.stem}_simulated.csv")
     require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    boards = rig_file.grids()
+    sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
+    pictured = any(SENSORS[kind].by_camera for own in sensors for kind in SENSOR_KINDS[own.kind])
+    _require_use_of(camera, pictured, output)
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
+    lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None
     written = {output: ("SIMULATED", "urdfcal simulate"), **({truth_file: ("SIMULATED", "simulated: true")} if truth_file else {})}
+    written |= {lens_file: ("# A camera", "simulated: true")} if lens_file else {}
     require_places(*written, inputs=(robot, rig, camera, None if "," in errors else Path(errors)))
     if not overwrite:
         for place, marks in written.items():
@@ -228,13 +235,7 @@ def simulate(
     rng = np.random.default_rng(seed)
     simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
-    boards, setup = rig_file.grids(), None
-    usual = [f"pixels:{link}" for link in boards] if camera else []
-    sensors, lasers = parse_sensors(sensor or usual or ["laser"], arm, places, boards)
-    if camera is not None and not any(SENSORS[kind].by_camera for own in sensors for kind in SENSOR_KINDS[own.kind]):
-        raise UsageError(
-            f"--camera {camera}: nothing is read by it; name a target with --sensor pixels:LINK, or a board with --board or --rig"
-        )
+    setup, lens = None, _usual_lens() if lens_file else camera_of(camera)
     if sensors:
         arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
     area = stated_area(screen_size_m) or screen_area(arm)
@@ -255,7 +256,7 @@ def simulate(
             reference_known=rig_file.reference_known,
             target_known=rig_file.target_known,
             area=area,
-            camera=camera_of(camera),
+            camera=lens,
             boards=boards,
         )
         model, x = setup.errors, setup.x
@@ -281,7 +282,7 @@ def simulate(
         + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
         *again,
-        *(_advice(setup, camera, rig, boards) if setup else ()),
+        *(_advice(setup, lens_file or camera, rig, boards) if setup else ()),
     ]
     values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
     truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
@@ -290,14 +291,43 @@ def simulate(
 
         truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
     say(bool(again) and not quiet, "".join(again))
-    deliver({**({truth_file: truth} if truth_file else {}), output: measurements_csv(data, comments)})
+    files: dict[str | Path, bytes] = {truth_file: truth} if truth_file else {}
+    files |= {lens_file: _lens_yaml(lens)} if lens_file else {}
+    told = f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {listed(files)}" if files else ""
+    deliver({**files, output: measurements_csv(data, comments)})
     finish(
-        {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
-        f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {truth_file}"
-        if truth_file
-        else f"{len(data)} simulated poses; the truth is not kept",
+        {"measurements": str(output), "truth": str(truth_file), "poses": len(data), **({"camera": str(lens_file)} if lens_file else {})}
+        if as_json
+        else None,
+        told or f"{len(data)} simulated poses; the truth is not kept",
         quiet,
     )
+
+
+def _usual_lens() -> Any:
+    """The lens to try things with where there is none."""
+    from urdfcal.vision.render.usual_camera import usual_lens
+
+    return usual_lens()
+
+
+def _lens_yaml(lens: Any) -> bytes:
+    """The same as a file."""
+    from urdfcal.vision.camera.camera_file import camera_yaml
+
+    return camera_yaml(lens, {"simulated": True})
+
+
+def _require_use_of(camera: Path | None, pictured: bool, output: Path) -> None:
+    """Refuse a camera that has nothing to read, and one that nobody would know of.
+
+    Raises:
+        UsageError: what to ask for.
+    """
+    if camera is not None and not pictured:
+        raise UsageError(f"--camera {camera}: nothing is read by it; name a board with --board or --rig, or --sensor pixels:LINK")
+    if pictured and camera is None and output == STDOUT:
+        raise UsageError("-o -: the camera of these pixels would not be kept; name its lens with --camera YAML, or a file with -o")
 
 
 def _in_words(sizes: dict[str, float]) -> str:
