@@ -290,16 +290,21 @@ def simulate(
         import yaml
 
         truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
-    say(bool(again) and not quiet, "".join(again))
     files: dict[str | Path, bytes] = {truth_file: truth} if truth_file else {}
     files |= {lens_file: _lens_yaml(lens)} if lens_file else {}
-    told = f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {listed(files)}" if files else ""
+    made = f"{output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'})"
     deliver({**files, output: measurements_csv(data, comments)})
     finish(
-        {"measurements": str(output), "truth": str(truth_file), "poses": len(data), **({"camera": str(lens_file)} if lens_file else {})}
+        {
+            "measurements": str(output),
+            "truth": str(truth_file),
+            "poses": len(data),
+            "random_poses": looked or len(data),
+            **({"camera": str(lens_file)} if lens_file else {}),
+        }
         if as_json
         else None,
-        told or f"{len(data)} simulated poses; the truth is not kept",
+        "\n".join([f"wrote {listed([made, *files])}" if files else f"{len(data)} simulated poses; the truth is not kept", *again]),
         quiet,
     )
 
