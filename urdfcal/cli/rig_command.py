@@ -13,7 +13,7 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, positive
-from urdfcal.cli.options import RIG, Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
+from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place, told
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from urdfcal.robot.rig import Grid
     from urdfcal.robot.robot import Robot
 
+_PLACES = "Where and how large"  # the group of options that say what is otherwise than usual
 _LOOKS, _FEW = 20_000, 0.005  # random poses by which it is told whether the beams meet the screen, and the share below which they hardly do
 
 
@@ -39,9 +40,7 @@ def rig(
     ],
     tip: Annotated[
         str | None,
-        typer.Option(
-            metavar="LINK", help="Link that carries module, board or target, such as tool0.", show_default=False, rich_help_panel=RIG
-        ),
+        typer.Option(metavar="LINK", help="Link that carries module, board or target, such as tool0.", show_default=False),
     ] = None,
     screen: Annotated[
         str | None,
@@ -49,7 +48,6 @@ def rig(
             metavar="X,Y,Z",
             help="A module with two lasers on the tip, and a screen whose middle is here in the base link, in m.",
             show_default=False,
-            rich_help_panel=RIG,
         ),
     ] = None,
     board: Annotated[
@@ -59,23 +57,16 @@ def rig(
             help="A board on the tip: a chessboard by its INNER corners, 9x6:25mm, or a ChArUco board by its squares and markers, "
             "10x7:25mm:18mm.",
             show_default=False,
-            rich_help_panel=RIG,
         ),
     ] = None,
-    tracker: Annotated[
-        bool, typer.Option("--tracker", help="A reflector or marker on the tip, for a tracker or mocap system.", rich_help_panel=RIG)
-    ] = False,
+    tracker: Annotated[bool, typer.Option("--tracker", help="A reflector or marker on the tip, for a tracker or mocap system.")] = False,
     base: Annotated[
         str | None,
-        typer.Option(
-            metavar="LINK", help="Link that screen, camera or tracker stand on. Default: the root.", show_default=False, rich_help_panel=RIG
-        ),
+        typer.Option(metavar="LINK", help="Link that screen, camera or tracker stand on. Default: the root.", show_default=False),
     ] = None,
     prefix: Annotated[
         str,
-        typer.Option(
-            metavar="TEXT", help="What all new names begin with, as for a second rig: left_.", show_default=False, rich_help_panel=RIG
-        ),
+        typer.Option(metavar="TEXT", help="What all new names begin with, as for a second rig: left_.", show_default=False),
     ] = "",
     offset: Annotated[
         str | None,
@@ -84,6 +75,7 @@ def rig(
             help="Where module, board (its middle) or target sit in the tip's frame, in m. Default: a little before it, a module and a "
             "target beside its axis.",
             show_default=False,
+            rich_help_panel=_PLACES,
         ),
     ] = None,
     turn_deg: Annotated[
@@ -93,15 +85,19 @@ def rig(
             help="Roll, pitch, yaw of it in the tip's frame; its z axis is where beams leave, and where a board looks. Default: z leads "
             "away from the arm.",
             show_default=False,
+            rich_help_panel=_PLACES,
         ),
     ] = None,
-    screen_size_m: Annotated[str, typer.Option(metavar="W[,H]", help="Width and height of the screen in m, along its y and z.")] = "1.5",
+    screen_size_m: Annotated[
+        str, typer.Option(metavar="W[,H]", help="Width and height of the screen in m, along its y and z.", rich_help_panel=_PLACES)
+    ] = "1.5",
     screen_turn_deg: Annotated[
         str | None,
         typer.Option(
             metavar="R,P,Y",
             help="Roll, pitch, yaw of the screen in the base link; its x axis leads away from the robot. Default: it faces the robot.",
             show_default=False,
+            rich_help_panel=_PLACES,
         ),
     ] = None,
     overwrite: Overwrite = False,

@@ -192,7 +192,11 @@ class _Reader:
         for element in root.findall(tag):
             name = self.attribute(element, "name", f"<{tag}>")
             if name in seen:
-                way_out = "; the macros of robots/slm.urdf.xacro take other names" if tag == "link" and _OF_THE_RIG.fullmatch(name) else ""
+                way_out = (
+                    "; the macros of robots/slm.urdf.xacro take other names, or a prefix"
+                    if tag == "link" and _OF_THE_RIG.fullmatch(name)
+                    else ""
+                )
                 raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}{way_out}", _line(element))
             seen[name] = _line(element)
         return tuple(seen)
