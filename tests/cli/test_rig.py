@@ -138,3 +138,7 @@ def test_who_has_no_rig_is_told_how_to_get_one(run_cli: Run, folder: Path) -> No
     assert command == "urdfcal rig r.urdf --tip tool --screen 1.3,0,0.5 -o cell.urdf"
     assert run_cli(*shlex.split(command)[1:]).code == 0
     assert run_cli("dh", "cell.urdf").code == 0
+    columns = {"laser_1.y,laser_1.z": "rig --screen", "board:0.u,board:0.v": "rig --board COLSxROWS:SQUARE", "target.x": "rig --tracker"}
+    for names, option in columns.items():
+        (folder / "m.csv").write_text(f"j1,j2,j3,j4,{names}\n0,0,0,0{',1' * (names.count(',') + 1)}\n")
+        assert f"urdfcal {option} " in run_cli("check", "r.urdf", "m.csv").err.replace(",", " ")
