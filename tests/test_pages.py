@@ -8,6 +8,7 @@ import importlib.util
 import json
 import re
 import shlex
+import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -37,7 +38,9 @@ Runs = dict[tuple[str, ...], tuple[CliResult, dict[str, bytes]]]  # by all comma
 def blocks(*languages: str) -> list[object]:
     """Code blocks of all pages in these languages, named by page and place."""
     return [
-        pytest.param(match[2], id=f"{page.relative_to(ROOT)}:{page.read_text('utf-8').count(chr(10), 0, match.start()) + 1}")
+        pytest.param(
+            textwrap.dedent(match[2]), id=f"{page.relative_to(ROOT)}:{page.read_text('utf-8').count(chr(10), 0, match.start()) + 1}"
+        )
         for page in PAGES
         for match in FENCED.finditer(page.read_text("utf-8"))
         if match[1] in languages

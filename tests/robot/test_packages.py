@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+import urdfcal
+from tests.support.paths import ROBOTS_DIR
 from urdfcal.base.errors import RobotError
+from urdfcal.cli.inputs import arm7_file
 from urdfcal.robot.packages import find_package, is_at_home, resolve_uri
 
 
@@ -124,6 +127,20 @@ def test_a_package_that_is_nowhere_is_refused_with_the_way_out(tmp_path: Path) -
     """The message names the package and the option to set."""
     with pytest.raises(RobotError, match=r"package 'nope_description' was not found; .*--package-dir.*ROS_PACKAGE_PATH"):
         find_package("nope_description", [tmp_path])
+
+
+@pytest.mark.parametrize("beside", ["urdfcal", "."], ids=["installed", "checkout"])
+def test_our_own_macros_are_in_the_package_or_beside_it(beside: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Installed, robots/ is in the package; in a checkout it is beside it; no folder of that name in a workspace is taken for it."""
+    package(tmp_path / "workspace", "urdfcal", None)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "workspace"))
+    monkeypatch.setattr(urdfcal, "__file__", str(tmp_path / "urdfcal" / "__init__.py"))
+    (tmp_path / "urdfcal").mkdir()
+    with pytest.raises(RobotError, match=r"neither in .*urdfcal nor beside it; install urdfcal again"):
+        find_package("urdfcal")
+    (tmp_path / beside / "robots").symlink_to(ROBOTS_DIR)
+    assert find_package("urdfcal") == tmp_path / beside
+    assert arm7_file() == tmp_path / beside / "robots" / "arm7" / "arm7.urdf.xacro"
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../etc", "a/b"])

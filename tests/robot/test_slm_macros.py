@@ -72,6 +72,39 @@ def test_a_third_laser_and_a_joint_s_name(tmp_path: Path) -> None:
     assert joints["blue_mount"].parent == "module"
 
 
+def test_two_modules_stand_on_one_robot(tmp_path: Path) -> None:
+    """A prefix goes before every name that a macro gives, so that the same rig stands twice on one robot, each measured on its own."""
+    path = cell(tmp_path, 'prefix="left_"', 'prefix="left_"')
+    second = """<xacro:slm prefix="right_" parent="b" xyz="0.05 0 0.02"/><xacro:slm_laser prefix="right_" number="3" rot_x="0" rot_y="5"
+        rgba="0 0 1 1"/><xacro:screen prefix="right_" parent="base"/><xacro:board parent="b" prefix="right_" columns="9" rows="6"
+        square="0.025"/><xacro:target parent="b" prefix="right_"/></robot>"""
+    path.write_text(path.read_text().replace("</robot>", second))
+    for side, carrier, count in (("left_", "tool", 2), ("right_", "b", 3)):
+        lasers = [f"{side}laser_{number + 1}" for number in range(count)]
+        robot = load_robot(path, screen=f"{side}screen", lasers=lasers)
+        assert (robot.rig.tip, robot.tree.moving_link(lasers[-1])) == (f"{side}slm", carrier)
+    new = {name.partition("_")[2] for name in (*robot.tree.links, *robot.tree.joints) if name.startswith("right_")}
+    rig = {"slm", "laser_1", "laser_2", "laser_3", "screen", "board", "target"}
+    assert new == rig | {f"{name}_mount" for name in rig}
+
+
+def test_the_macros_are_found_from_anywhere(tmp_path: Path) -> None:
+    """A file of one's own includes them by the package, or copied beside it; who copies one of our robots is told how."""
+    path = cell(tmp_path)
+    text = path.read_text().replace(str(ROBOTS_DIR / "slm.urdf.xacro"), "{}")
+    (tmp_path / "slm.urdf.xacro").write_bytes((ROBOTS_DIR / "slm.urdf.xacro").read_bytes())
+    texts = []
+    for way in ("$(find urdfcal)/robots/slm.urdf.xacro", "package://urdfcal/robots/slm.urdf.xacro", "slm.urdf.xacro"):
+        path.write_text(text.format(way))
+        texts.append(load_robot(path).description.text)
+    assert texts[0] == texts[1] == texts[2]
+    path.write_text((ROBOTS_DIR / "ur5" / "ur5.urdf.xacro").read_text())
+    with pytest.raises(
+        RobotError, match=r"slm\.urdf\.xacro cannot be read: .*; it comes with urdfcal: include \$\(find urdfcal\)/robots/slm"
+    ):
+        load_robot(path)
+
+
 def test_taken_names_lead_to_the_way_out(tmp_path: Path) -> None:
     """Default names that the robot has already are refused with the word that there are others."""
     with pytest.raises(RobotError, match=r"link 'screen' is declared twice, first on line \d+; the macros of robots/slm\.urdf\.xacro take"):

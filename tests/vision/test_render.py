@@ -150,7 +150,7 @@ def test_the_usual_camera_is_placed_for_most_spots(rng: np.random.Generator) -> 
 
 @pytest.mark.usefixtures("small_pictures")
 def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
-    """Beams beside a stated screen make no spot, a spot far off is outside of the picture, and both are counted; so are tiny spots."""
+    """Beams beside the screen, as stated or as the URDF draws it, make no spot, and are counted; so are tiny spots, and those outside."""
     joints = ",".join(f"joint{k}" for k in range(1, 8))
     rows = [",".join(["0"] * 7 + spots) for spots in (["0.1", "0", "-0.1", "0"], ["0.2", "0.1", "0.9", "0"], ["0", "0.1", "200", "0"])]
     (tmp_path / "m.csv").write_text(f"{joints},laser_1.y,laser_1.z,laser_2.y,laser_2.z\n" + "\n".join(rows) + "\n")
@@ -161,8 +161,8 @@ def test_spots_that_no_picture_shows_are_counted(tmp_path: Path, run_cli: Callab
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     assert sorted(np.ravel(detector.detectMarkers(grey)[1])) == [0, 1]
     done = run_cli("render", ARM, "m.csv", "-o", "more", "--spot-mm", "0.5")
-    assert (done.code, "not shown of 6 spots: 1 outside of the picture" in done.err) == (0, True)
-    assert "5 of 5 spots are under 1 px wide" in done.err
+    assert (done.code, "not shown of 6 spots: 1 beside the screen, 1 outside of the picture" in done.err) == (0, True)
+    assert "4 of 4 spots are under 1 px wide" in done.err
 
 
 def test_positions_a_full_turn_away_are_rendered_where_they_are(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:

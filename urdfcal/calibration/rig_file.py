@@ -139,7 +139,7 @@ class RigFile(_Strict):
     @classmethod
     def _grids(cls, boards: dict[str, str]) -> dict[str, str]:
         for text in boards.values():
-            _grid(text)
+            parse_grid(text)
         return boards
 
     @field_validator("beams")
@@ -197,14 +197,19 @@ class RigFile(_Strict):
 
     def grids(self) -> dict[str, Grid]:
         """Links that are boards."""
-        return {link: _grid(text) for link, text in self.boards.items()}
+        return {link: parse_grid(text) for link, text in self.boards.items()}
 
     def lengths(self) -> list[tuple[str, float]]:
         """Known distances between sockets: pattern and length, [m]."""
         return [(pattern, length * MM) for pattern, length in self.sockets.distances_mm.items()]
 
 
-def _grid(text: str) -> Grid:
+def parse_grid(text: str) -> Grid:
+    """`9x6:25mm`.
+
+    Raises:
+        ValueError: the text is no board.
+    """
     match = _BOARD.fullmatch(text.replace(" ", ""))
     if match is None or min(int(match[1]), int(match[2])) < 2 or not float(match[3]) > 0:
         raise ValueError(f"'{text}' is not a board; expected inner corners and the side of a square, such as 9x6:25mm")

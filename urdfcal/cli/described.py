@@ -30,6 +30,9 @@ COMMANDS = {
     "evaluate": Described("Print how far a URDF is from what was measured.", "urdfcal evaluate robot_calibrated.urdf measured.csv"),
     "view": Described("Show robot and measurements in the browser.", "urdfcal view robot.urdf measured.csv --html view.html"),
     "dh": Described("Print the D-H table derived from a URDF.", "urdfcal dh robot.urdf --tip tool0", RESULTS),
+    "rig": Described(
+        "Put module and screen, board or target on a URDF.", "urdfcal rig robot.urdf --tip tool0 --screen 1.3,0,0.5 -o cell.urdf", RESULTS
+    ),
     "apply": Described(
         "Put a stored calibration on a robot description.",
         "urdfcal apply robot.urdf robot_calibration.yaml -o robot_calibrated.urdf",

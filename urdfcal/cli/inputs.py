@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import urdfcal
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import asked_quiet, warn
 
@@ -18,7 +17,9 @@ if TYPE_CHECKING:
     from urdfcal.model.options import ModelOptions
     from urdfcal.model.parameters import Kind, PriorScale
     from urdfcal.output.stored import StoredCalibration
+    from urdfcal.robot.rig import Grid
     from urdfcal.robot.robot import Robot
+    from urdfcal.robot.sheet import ScreenArea
     from urdfcal.robot.xacro_child import XacroLimit
     from urdfcal.sensors.measurements import Measurements
 
@@ -139,8 +140,8 @@ def measured(
     reference, target = reference or (rig.reference if rig else None), target or (rig.target if rig else None)
     if target is not None:
         robot.tree.require_link(target)
-    _require_boards(robot, rig)
-    data = read_measurements(path, robot, reference=reference, target=target, camera=_camera(camera), boards=rig.grids() if rig else {})
+    require_boards(robot, rig)
+    data = read_measurements(path, robot, reference=reference, target=target, camera=camera_of(camera), boards=rig.grids() if rig else {})
     if rig is not None:
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     if target is not None and not (rig and rig.target) and target not in {reading.link for reading in data.readings}:
@@ -152,12 +153,18 @@ def measured(
     return as_measured(robot, data), data
 
 
-def _require_boards(robot: Robot, rig: RigFile | None) -> None:
+def require_boards(robot: Robot, rig: RigFile | None) -> None:
+    """Refuse boards that are no links of the robot.
+
+    Raises:
+        RobotError: names the nearest.
+    """
     for link in rig.grids() if rig is not None else ():
         robot.tree.require_link(link)
 
 
-def _camera(path: Path | None) -> Any:
+def camera_of(path: Path | None) -> Any:
+    """The camera in a file; None without one."""
     if path is None:
         return None
     from urdfcal.vision.camera.camera_file import read_camera
@@ -174,6 +181,69 @@ def rig_file_of(path: Path | None, reference_known: bool = False, target_known: 
     rig = RigFile() if path is None else read_rig_file(path)
     ends = {"reference_known": rig.reference_known or reference_known, "target_known": rig.target_known or target_known}
     return rig.model_copy(update=ends)
+
+
+def stated_area(text: str | None) -> ScreenArea | None:
+    """A screen's size, `1.5` or `2,1.5` in m; None where none is stated.
+
+    Raises:
+        UsageError: the text is none.
+    """
+    from urdfcal.robot.sheet import ScreenArea
+
+    if text is None:
+        return None
+    sides = numbers_of("--screen-size-m", text, (1, 2), "the screen's width and height in m, such as 1.5 or 2,1.5")
+    for side in sides:
+        positive("--screen-size-m", side)
+    return ScreenArea((sides[0], sides[-1]))
+
+
+def numbers_of(option: str, text: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
+    """Numbers with commas between them.
+
+    Raises:
+        UsageError: they are none, or not so many.
+    """
+    from urdfcal.robot.urdf_xml import number_fault
+
+    words = [word.strip() for word in text.split(",")]
+    faults = [fault for word in words if (fault := number_fault(word))]
+    if faults or len(words) not in counts:
+        found = faults[0] if faults else f"found {len(words)} {'number' if len(words) == 1 else 'numbers'}"
+        raise UsageError(f"{option} {text}: {found}; expected {expected}")
+    return tuple(map(float, words))
+
+
+def with_board(rig: RigFile, board: str | None) -> RigFile:
+    """The rig with one more board, `LINK=COLSxROWS:SQUARE`.
+
+    Raises:
+        UsageError: the text is none.
+    """
+    if board is None:
+        return rig
+    link, _, grid = board.rpartition("=")
+    corners = parsed_grid("--board", grid)
+    if not link:
+        raise UsageError(f"--board {board}: expected the link that it is, too, such as board={grid}")
+    return rig.model_copy(update={"boards": {**rig.boards, link: str(corners)}})
+
+
+def parsed_grid(option: str, text: str) -> Grid:
+    """The inner corners of a board: `9x6:25mm` of a chessboard, or `10x7:25mm:18mm:DICT` of a ChArUco board by its squares.
+
+    Raises:
+        UsageError: the text is neither.
+    """
+    from urdfcal.robot.rig import Grid
+    from urdfcal.vision.camera.boards import parse_charuco, parse_chessboard
+
+    if text.count(":") > 1:
+        squares = parse_charuco(text, option)
+        return Grid(squares.columns - 1, squares.rows - 1, squares.square)
+    corners = parse_chessboard(text, option)
+    return Grid(corners.columns, corners.rows, corners.square)
 
 
 def earlier_joints(path: Path | None, robot: Robot) -> EarlierJoints | None:
@@ -356,14 +426,7 @@ def expanded_note(robot: Robot) -> str:
 
 
 def arm7_file() -> Path:
-    """The arm of Table I: its folder is in the package where that is installed, and beside the package in a checkout.
+    """The arm of Table I, which comes along."""
+    from urdfcal.robot.packages import own_package
 
-    Raises:
-        UsageError: it is in neither.
-    """
-    package = Path(urdfcal.__file__).parent
-    for folder in (package, package.parent):
-        arm7 = folder / "robots" / "arm7" / "arm7.urdf.xacro"
-        if arm7.exists():
-            return arm7
-    raise UsageError(f"robots/arm7/arm7.urdf.xacro is neither in {package} nor beside it; name the arm's file")
+    return own_package() / "robots" / "arm7" / "arm7.urdf.xacro"

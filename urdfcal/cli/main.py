@@ -28,6 +28,7 @@ from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.render_command import render
+from urdfcal.cli.rig_command import rig
 from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.streams import about_stdout, drop_stdout, our_streams, require_written, settle, unprinted
@@ -47,7 +48,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, simulate)
+_LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, rig, simulate)
 _RESULTS: tuple[Any, ...] = (apply, correct, import_, compare, paper, view)
 for _command in (*_LOOKING, *_RESULTS, camera, markers, spots, render, module):
     _name = _command.__name__.removesuffix("_")  # `import` is a word of Python's own

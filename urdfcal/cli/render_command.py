@@ -9,7 +9,7 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import about, load, positive, stored_calibration
+from urdfcal.cli.inputs import about, load, positive, stated_area, stored_calibration
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, require_places
 
@@ -63,8 +63,12 @@ def render(
         Path | None, typer.Option(metavar="FILE", help="Also write a picture with the lasers off (.png).", show_default=False)
     ] = None,
     screen_size_m: Annotated[
-        float | None,
-        typer.Option(help="Side of the screen in m; beams beside it make no spot. Default: 3, and they do.", show_default=False),
+        str | None,
+        typer.Option(
+            metavar="W[,H]",
+            help="Size of the screen along y and z in m; beams beside it make no spot. Default: as the URDF draws it, else 3, and they do.",
+            show_default=False,
+        ),
     ] = None,
     overwrite: Overwrite = False,
     seed: Seed = 0,
@@ -84,6 +88,7 @@ def render(
     from urdfcal.base.terminal import many
     from urdfcal.base.whole_files import folder_whole, require_new_folder
     from urdfcal.output.replaced import require_same
+    from urdfcal.robot.sheet import ScreenArea, stated_sheet
     from urdfcal.sensors.column_names import as_people_write
     from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
     from urdfcal.vision.camera.markers import read_screen_markers
@@ -108,8 +113,8 @@ def render(
             raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
     diameter = (positive("--spot-mm", spot_mm) or 4.0) * 1e-3
     look = Beam(words[0], diameter / 4, positive("--brightness", brightness) or 0.9, halo)
-    (meant, odd), side = _beams(arm, poses, calibrated), positive("--screen-size-m", screen_size_m)
-    beams = meant.within(side) if side else meant
+    (meant, odd), area = _beams(arm, poses, calibrated), stated_area(screen_size_m) or stated_sheet(arm)
+    beams = meant.within(area) if area else meant
     layout = read_screen_markers(markers) if markers else None
     view = usual_camera(beams.spots.reshape(-1, 2), _corners(layout)) if camera is None else read_camera(camera)
     if layout is not None and layout.side != view.side:
@@ -117,7 +122,7 @@ def render(
     studio = Studio(
         view,
         [Beam(word, look.width, look.brightness, look.halo) for word in words],
-        Lighting(light, gradient, screen_size=side or 3.0),
+        Lighting(light, gradient, screen=area or ScreenArea()),
         ImageSensor(tone=tone, mosaic=mosaic),
         layout,
         glare,

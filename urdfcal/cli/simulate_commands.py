@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import ProgressBar, finish, say, show, warn
 from urdfcal.cli.help import EXPERT, OurCommand
-from urdfcal.cli.inputs import about, arm7_file, load, positive
+from urdfcal.cli.inputs import (
+    about,
+    arm7_file,
+    camera_of,
+    listed,
+    load,
+    require_boards,
+    rig_file_of,
+    stated_area,
+    with_board,
+)
 from urdfcal.cli.options import (
+    RIG,
     Json,
     Lasers,
     NoiseShape,
@@ -30,6 +43,7 @@ from urdfcal.cli.options import (
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
+    from urdfcal.robot.sheet import ScreenArea
     from urdfcal.simulation.setup import SimulatedSetup
 
 
@@ -101,13 +115,21 @@ def simulate(
         ),
     ] = None,
     payload: Payloads = None,
-    screen_size_m: Annotated[float, typer.Option(help="Side of the screen in m, centred on its link.", rich_help_panel=EXPERT)] = 3.0,
+    screen_size_m: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W[,H]",
+            help="Size of the screen along y and z in m, centred on its link. Default: as the URDF draws it, else 3.",
+            show_default=False,
+            rich_help_panel=EXPERT,
+        ),
+    ] = None,
     sensor: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KIND:LINK",
             help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
-            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: laser.",
+            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: the boards of --board and --rig, else laser.",
             show_default=False,
         ),
     ] = None,
@@ -117,6 +139,32 @@ def simulate(
     orientation_noise_deg: Annotated[
         float, typer.Option(help="Noise of an orientation about each axis in deg.", rich_help_panel=EXPERT)
     ] = 0.02,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            "--camera",
+            metavar="YAML",
+            help="Lens that pixels are read with; it stands where it sees much. Default: a usual one, written to <stem>_camera.yaml.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            "--rig", metavar="YAML", help="rig.yaml: which links are boards, and the reference.", show_default=False, rich_help_panel=RIG
+        ),
+    ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK=COLSxROWS:SQUARE",
+            help="A link that is a board, by its INNER corners, e.g. board=9x6:25mm.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
+    pixel_noise_px: Annotated[float, typer.Option(help="Noise of a corner in a picture in px.")] = 0.2,
     places: Annotated[
         int,
         typer.Option(min=1, max=_MOST_PLACES, help="How many planes, and sockets, a target touches in turn.", rich_help_panel=EXPERT),
@@ -154,35 +202,47 @@ def simulate(
     import numpy as np
 
     from urdfcal.base.terminal import many
-    from urdfcal.calibration.reach import ScreenArea, draw_poses
+    from urdfcal.calibration.reach import drawn_in_view, screen_area
     from urdfcal.model.parameters import INSTRUMENTS
-    from urdfcal.output.calibration_yaml import truth_yaml
+    from urdfcal.output.calibration_yaml import sha256, truth_yaml
     from urdfcal.output.replaced import require_marked
     from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
-    from urdfcal.simulation.readings import reading_noise, simulate_readings
+    from urdfcal.sensors.registry import SENSORS
+    from urdfcal.simulation.readings import reading_noise, simulated_readings
     from urdfcal.simulation.readings import simulate as run_simulate
-    from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
+    from urdfcal.simulation.setup import SENSOR_KINDS, parse_sensors, seen_with, simulated_setup
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
     require_no_json(as_json, output)
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
+    rig_file = with_board(rig_file_of(rig, reference_known, target_known), board)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
+    require_boards(arm, rig_file)
     output = named(output, f"{arm.description.stem}_simulated.csv")
     require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    boards = rig_file.grids()
+    sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
+    pictured = any(SENSORS[kind].by_camera for own in sensors for kind in SENSOR_KINDS[own.kind])
+    _require_use_of(camera, pictured, output)
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
-    written = {output: ("SIMULATED", "urdfcal simulate"), **({truth_file: ("SIMULATED", "simulated: true")} if truth_file else {})}
-    require_places(*written, inputs=(robot, None if "," in errors else Path(errors)))
+    lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None
+    written = {
+        output: ("SIMULATED", "urdfcal simulate"),
+        **({truth_file: ("SIMULATED", sha256(arm.description.text))} if truth_file else {}),
+    }
+    written |= {lens_file: ("# A camera", "simulated: true")} if lens_file else {}
+    require_places(*written, inputs=(robot, rig, camera, None if "," in errors else Path(errors)))
     if not overwrite:
         for place, marks in written.items():
-            require_marked(place, marks, "result of urdfcal simulate")
+            require_marked(place, marks, "result of urdfcal simulate for this robot")
     rng = np.random.default_rng(seed)
-    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg)
+    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
-    area, setup = ScreenArea(positive("--screen-size-m", screen_size_m) or 3.0), None
-    sensors, lasers = parse_sensors(sensor or ["laser"], arm, places)
+    setup, lens = None, _usual_lens() if lens_file else camera_of(camera)
     if sensors:
-        arm = seen_with(arm, sensors, reference or "", lasers)
+        arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
+    area = stated_area(screen_size_m) or screen_area(arm)
     say(verbose, about(arm))
     require_room(arm)
     held = without_room(arm)
@@ -191,11 +251,25 @@ def simulate(
     if soft:
         model, x = soft_truth(arm, model, x, soft, rng)
     if sensors:
-        setup = simulated_setup(arm, model, x, sensors, rng, reference_known=reference_known, target_known=target_known, area=area)
+        setup = simulated_setup(
+            arm,
+            model,
+            x,
+            sensors,
+            rng,
+            reference_known=rig_file.reference_known,
+            target_known=rig_file.target_known,
+            area=area,
+            camera=lens,
+            boards=boards,
+        )
         model, x = setup.errors, setup.x
-        data = simulate_readings(setup, poses + test_poses, rng, simulated)
+        found = simulated_readings(setup, poses + test_poses, rng, simulated)
+        data, looked = found.data, found.looked
     else:
-        data = run_simulate(arm, model, x, draw_poses(arm, model, x, poses + test_poses, rng, area=area), rng, simulated)
+        drawn = drawn_in_view(arm, model, x, poses + test_poses, rng, area=area)
+        data, looked = run_simulate(arm, model, x, drawn.q, rng, simulated), drawn.looked
+    again = _drawn_again(len(data), looked, lasers, area, setup)
     data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
     joints = arm.tree.joints
     corrections = {
@@ -203,6 +277,7 @@ def simulate(
     }
     sizes = {"spot_mm": spot_noise_mm} if lasers else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
+    sizes |= {"pixel_px": pixel_noise_px} if setup and setup.pictured else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
     stated = {"distribution": noise.value, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
     comments = [
@@ -210,7 +285,8 @@ def simulate(
         f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
         + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
-        *(_advice(setup, reference_known, target_known) if setup else ()),
+        *again,
+        *(_advice(setup, lens_file or camera, rig, boards) if setup else ()),
     ]
     values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
     truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
@@ -218,14 +294,49 @@ def simulate(
         import yaml
 
         truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
-    deliver({**({truth_file: truth} if truth_file else {}), output: measurements_csv(data, comments)})
+    files: dict[str | Path, bytes] = {truth_file: truth} if truth_file else {}
+    files |= {lens_file: _lens_yaml(lens)} if lens_file else {}
+    made = f"{output} ({many(len(data), 'simulated pose')})"
+    deliver({**files, output: measurements_csv(data, comments)})
     finish(
-        {"measurements": str(output), "truth": str(truth_file), "poses": len(data)} if as_json else None,
-        f"wrote {output} ({len(data)} simulated {'pose' if len(data) == 1 else 'poses'}) and {truth_file}"
-        if truth_file
-        else f"{many(len(data), 'simulated pose')}; the truth is not kept",
+        {
+            "measurements": str(output),
+            "truth": str(truth_file),
+            "poses": len(data),
+            "random_poses": looked or len(data),
+            **({"camera": str(lens_file)} if lens_file else {}),
+        }
+        if as_json
+        else None,
+        "\n".join([f"wrote {listed([made, *files])}" if files else f"{many(len(data), 'simulated pose')}; the truth is not kept", *again]),
         quiet,
     )
+
+
+def _usual_lens() -> Any:
+    """The lens to try things with where there is none."""
+    from urdfcal.vision.render.usual_camera import usual_lens
+
+    return usual_lens()
+
+
+def _lens_yaml(lens: Any) -> bytes:
+    """The same as a file."""
+    from urdfcal.vision.camera.camera_file import camera_yaml
+
+    return camera_yaml(lens, {"simulated": True})
+
+
+def _require_use_of(camera: Path | None, pictured: bool, output: Path) -> None:
+    """Refuse a camera that has nothing to read, and one that nobody would know of.
+
+    Raises:
+        UsageError: what to ask for.
+    """
+    if camera is not None and not pictured:
+        raise UsageError(f"--camera {camera}: nothing is read by it; name a board with --board or --rig, or --sensor pixels:LINK")
+    if pictured and camera is None and output == STDOUT:
+        raise UsageError("-o -: the camera of these pixels would not be kept; name its lens with --camera YAML, or a file with -o")
 
 
 def _in_words(sizes: dict[str, float]) -> str:
@@ -233,16 +344,31 @@ def _in_words(sizes: dict[str, float]) -> str:
     return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
 
 
-def _advice(setup: SimulatedSetup, reference_known: bool, target_known: bool) -> list[str]:
-    """What a fit has to be told beyond the file: the reference link, and a length where only touches were made."""
+def _drawn_again(poses: int, looked: int, lasers: bool, area: ScreenArea, setup: SimulatedSetup | None) -> list[str]:
+    """How many random poses were passed over, and why; nothing where none was."""
+    if looked <= poses:
+        return []
+    wanted = [f"with every beam on the screen of {area}"] if lasers else []
+    wanted += ["with the board in the picture"] if setup and setup.pictured else []
+    return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
+
+
+def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None, boards: Mapping[str, Any]) -> list[str]:
+    """What a fit has to be told beyond the file: the reference link, the camera, boards, a length where only touches were made."""
     from itertools import pairwise
 
     import numpy as np
 
     instruments, lines = setup.robot.rig.instruments, []
     if instruments.placed:
-        known = (" --reference-known" if reference_known else "") + (" --target-known" if target_known else "")
-        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}")
+        kinds = {slot.kind for slot in setup.errors.slots if slot.found}
+        known = "".join(f" --{kind}-known" for kind in ("reference", "target") if kind not in kinds)
+        by = f" --camera {camera}" if setup.pictured else ""
+        by += f" --rig {rig}" if rig else ""
+        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}{by}")
+    if boards and setup.pictured:
+        entries = ", ".join(f"{link}: '{grid}'" for link, grid in boards.items())
+        lines.append(f"for a rig.yaml: boards: {{{entries}}}")
     sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
     apart = {
         f"{one.removeprefix('socket:')} - {other.removeprefix('socket:')}": float(np.linalg.norm(setup.place(one) - setup.place(other)))

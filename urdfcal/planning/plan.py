@@ -17,13 +17,14 @@ from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.more_poses import without_lost
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
 from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.reach import ScreenArea, draw_poses
+from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.planning.selection import expected, greedy
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS

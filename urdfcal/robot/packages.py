@@ -8,8 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree
 
+import urdfcal
 from urdfcal.base.errors import RobotError
 
+OWN = "urdfcal"  # whose robots/ holds the macros of the rig and the robots that come along
 _DEPTH = 3  # how far below an entry of ROS_PACKAGE_PATH a package.xml is looked for, and above a description its own
 
 _LARGEST_MANIFEST = 1_000_000  # bytes of a package.xml
@@ -18,7 +20,8 @@ _LARGEST_MANIFEST = 1_000_000  # bytes of a package.xml
 def find_package(name: str, package_dirs: Sequence[str | Path] = ()) -> Path:
     """Find the folder of a package.
 
-    Looked for, in this order: `package_dirs` (the package itself or a folder that holds it), ROS_PACKAGE_PATH,
+    `urdfcal` is the one that runs, so that `$(find urdfcal)/robots/slm.urdf.xacro` has its macros however it was installed. Others are
+    looked for, in this order: `package_dirs` (the package itself or a folder that holds it), ROS_PACKAGE_PATH,
     AMENT_PREFIX_PATH, and the prefix into which pip puts example-robot-data.
 
     Raises:
@@ -26,10 +29,25 @@ def find_package(name: str, package_dirs: Sequence[str | Path] = ()) -> Path:
     """
     if not name or name in (".", "..") or set("/\\") & set(name):
         raise RobotError(f"'{name}' is no name of a package; expected one such as tiago_description")
+    if name == OWN:
+        return own_package()
     for candidate in _candidates(name, package_dirs):
         if candidate.is_dir():
             return candidate.resolve()
     raise RobotError(f"package '{name}' was not found; name the folder that holds it with --package-dir, or set ROS_PACKAGE_PATH")
+
+
+def own_package() -> Path:
+    """The folder that holds our robots/: the package where it was installed, and the checkout's in a checkout.
+
+    Raises:
+        RobotError: it is in neither.
+    """
+    package = Path(urdfcal.__file__).parent
+    for folder in (package, package.parent):
+        if (folder / "robots" / "slm.urdf.xacro").is_file():
+            return folder
+    raise RobotError(f"robots/slm.urdf.xacro, which comes with {OWN}, is neither in {package} nor beside it; install {OWN} again")
 
 
 def resolve_uri(uri: str, package_dirs: Sequence[str | Path] = ()) -> str:

@@ -12,7 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from urdfcal.base.errors import RigError, no_such
+from urdfcal.base.geometry import Matrix
 from urdfcal.robot.urdf_tree import UrdfTree
 
 SIX = ("trans_x", "trans_y", "trans_z", "rot_x", "rot_y", "rot_z")
@@ -62,6 +65,13 @@ class Grid:
         """Where a corner is on the board, [m]."""
         row, column = divmod(corner, self.columns)
         return column * self.square, row * self.square, 0.0
+
+    def __str__(self) -> str:
+        return f"{self.columns}x{self.rows}:{self.square * 1e3:g}mm"
+
+    def points(self) -> Matrix:
+        """All corners in the axes of the board, (corners, 3), [m]."""
+        return np.array([self.at(corner) for corner in range(self.corners)])
 
     @property
     def corners(self) -> int:
@@ -196,7 +206,7 @@ def _laser_rig(tree: UrdfTree, screen: str | None, lasers: Sequence[str] | None)
 def _link(tree: UrdfTree, name: str, option: str) -> str:
     if name not in tree.links:
         raise RigError(
-            f"{no_such('link', name, tree.links)} (choose with {option} LINK; robots/slm.urdf.xacro has macros for module and screen)",
+            f"{no_such('link', name, tree.links)} (choose with {option} LINK; urdfcal rig puts module and screen on a robot)",
             tree.label,
         )
     return name
@@ -204,12 +214,11 @@ def _link(tree: UrdfTree, name: str, option: str) -> str:
 
 def _no_instrument(tree: UrdfTree) -> str:
     """What to say of a robot that has neither screen nor lasers, where nothing else measures it either."""
-    ways = {name: tree.path_from_root(name) for name in tree.links}
-    link = max(ways, key=lambda name: (sum(joint.moves for joint in ways[name]), len(ways[name])))
+    link = tree.last_link
     return (
         f"no laser, no screen, and nothing else that measures: name a link in the columns ({link}.x, {link}.y, {link}.z) or options "
         f"(dh --tip {link}, simulate --sensor point:{link}), or lasers and screen with --laser and --screen; "
-        "robots/slm.urdf.xacro has macros for these"
+        f"urdfcal rig {tree.label.removesuffix(' (expanded)')} --tip {link} --screen 1.3,0,0.5 -o cell.urdf puts these on the robot"
     )
 
 
@@ -223,7 +232,8 @@ def _required_lasers(tree: UrdfTree) -> tuple[str, ...]:
     lasers = lasers_by_name(tree)
     if not lasers:
         raise RigError(
-            "no link named laser_<digits>; name the lasers with --laser LINK, or add a module with robots/slm.urdf.xacro", tree.label
+            "no link named laser_<digits>; name the lasers with --laser LINK, or put module and screen on the robot with urdfcal rig",
+            tree.label,
         )
     return lasers
 

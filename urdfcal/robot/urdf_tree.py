@@ -100,6 +100,12 @@ class UrdfTree:
         """The link that no joint carries."""
         return next(link for link in self.links if link not in self.by_child)
 
+    @cached_property
+    def last_link(self) -> str:
+        """The link that most joints move, and of those the one at the end of the longest way: what a tool or a target is probably on."""
+        ways = {name: self.path_from_root(name) for name in self.links}
+        return max(ways, key=lambda name: (sum(joint.moves for joint in ways[name]), len(ways[name])))
+
     def require_link(self, name: str) -> str:
         """The name back, if there is such a link.
 
@@ -186,7 +192,11 @@ class _Reader:
         for element in root.findall(tag):
             name = self.attribute(element, "name", f"<{tag}>")
             if name in seen:
-                way_out = "; the macros of robots/slm.urdf.xacro take other names" if tag == "link" and _OF_THE_RIG.fullmatch(name) else ""
+                way_out = (
+                    "; the macros of robots/slm.urdf.xacro take other names, or a prefix"
+                    if tag == "link" and _OF_THE_RIG.fullmatch(name)
+                    else ""
+                )
                 raise self.fail(f"{tag} '{name}' is declared twice, first on line {seen[name]}{way_out}", _line(element))
             seen[name] = _line(element)
         return tuple(seen)

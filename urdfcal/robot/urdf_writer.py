@@ -1,4 +1,4 @@
-"""Corrected origins put into a URDF's own bytes: nothing but the numbers of xyz and rpy changes."""
+"""Corrected origins, and new links, put into a URDF's own bytes: nothing but the numbers of xyz and rpy changes, or is added."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from urdfcal.robot.description import Description
 _SAME = 1e-15  # a rotation or translation this close to the text's own keeps the text
 _DUST = 1e-16
 _BLANK = re.compile(rb"[ \t\r\n]*")
+_ENCODING = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)["']""")
+_INDENT = re.compile(rb"\n([ \t]+)<(?:link|joint)\b")
 _ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
@@ -53,6 +56,45 @@ def with_origins(description: Description, origins: Mapping[str, SE3]) -> bytes:
 def numbers(values: Vector) -> str:
     """Three numbers as a URDF has them, each with as many digits as bring the double back; rounding dust is written as 0."""
     return " ".join("0" if abs(value) < _DUST else repr(float(value)).removesuffix(".0") for value in values)
+
+
+def with_elements(description: Description, elements: str, note: str, names: Mapping[str, str]) -> bytes:
+    """The description's text with further links and joints before its end; everything else stays byte for byte.
+
+    Args:
+        description: URDF text.
+        elements: What is added, as it stands right under <robot>, in lines, two blanks deeper each level.
+        note: A comment that stands before it.
+        names: Links that are named otherwise in the elements, as they are called there.
+    """
+    text = description.text
+    for meanwhile, name in names.items():
+        elements = elements.replace(f'link="{meanwhile}"', f"link={quoteattr(name)}")
+    lines = [f"  <!-- {note} -->", *elements.splitlines()]
+    indent, end = _INDENT.search(text), "\r\n" if b"\r\n" in text else "\n"
+    step = indent[1].decode() if indent else "  "
+    depths = [(len(line) - len(line.lstrip())) // 2 for line in lines]
+    added = "".join(f"{step * depth}{line.lstrip()}{end}" for depth, line in zip(depths, lines, strict=True))
+    encoding = _ENCODING.match(text.removeprefix(b"\xef\xbb\xbf"))
+    place = _robot_end(text)
+    begun = len(text[:place].rstrip(b" \t"))
+    alone = text[begun - 1 : begun] == b"\n"
+    place = begun if alone else place
+    content = ("" if alone else end) + added
+    return text[:place] + content.encode(encoding[1].decode() if encoding else "utf-8", "xmlcharrefreplace") + text[place:]
+
+
+def _robot_end(text: bytes) -> int:
+    """Where </robot> begins."""
+    parser = expat.ParserCreate()
+    found: list[int] = []
+
+    def end(_: str) -> None:
+        found[:] = [parser.CurrentByteIndex]
+
+    parser.EndElementHandler = end
+    parser.Parse(text, True)
+    return found[0]
 
 
 def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, bytes]]:

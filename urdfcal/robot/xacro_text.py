@@ -14,7 +14,7 @@ from xml.parsers import expat
 from urdfcal.base.errors import InputError, RobotError
 from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.robot.entities import refuse_entities
-from urdfcal.robot.packages import find_package, resolve_uri
+from urdfcal.robot.packages import OWN, find_package, own_package, resolve_uri
 from urdfcal.robot.xacro_faults import memory_ended, refuse_macros_alone, refuse_unknown_arguments, xacro_fault
 
 _EXPANDED = "Expanded from {} by xacro; edit that file, not this one."
@@ -50,6 +50,26 @@ def expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, 
     return text, list(sources)
 
 
+def _comes_along(filename: str) -> str:
+    """The way out for a missing file that is one of ours, as in a copy of one of our robots."""
+    name = Path(filename).name
+    there = (own_package() / "robots" / name).is_file()
+    return f"; it comes with {OWN}: include $(find {OWN})/robots/{name}" if there else ""
+
+
+def expanded_calls(calls: str) -> str:
+    """What calls of our own macros expand to: elements as they stand right under <robot>, two blanks deeper each level, in lines."""
+    import xacro
+
+    include = f'<xacro:include filename="$(find {OWN})/robots/slm.urdf.xacro"/>'
+    with _our_look_up((), {}), contextlib.redirect_stderr(io.StringIO()):
+        xacro.init_stacks(None)
+        document = xacro.parse(f'<robot name="rig" xmlns:xacro="http://www.ros.org/wiki/xacro">{include}{calls}</robot>')
+        xacro.process_doc(document)
+        text: str = document.documentElement.toprettyxml(indent="  ")
+    return "".join(f"{line.rstrip()}\n" for line in text.splitlines()[1:-1] if line.strip())
+
+
 def _document(text: bytes) -> xml.dom.minidom.Document:
     """XML known to be well-formed, for xacro; an undeclared prefix is a part of the name."""
     try:
@@ -79,7 +99,8 @@ def _our_look_up(package_dirs: tuple[Path, ...], sources: dict[Path, bytes]) -> 
             text = content_of(filename, DESCRIPTION)
         except InputError as error:
             xacro.filestack.pop()
-            missing = OSError(f"the included file {str(error).replace(': ', ' ', 1)}")  # which xacro passes over where it is optional
+            found = f"the included file {str(error).replace(': ', ' ', 1)}{_comes_along(filename)}"
+            missing = OSError(found)  # which xacro passes over where it is optional
             raise xacro.XacroException(exc=missing) from None
         refuse_entities(text, filename)
         sources[Path(filename)] = text

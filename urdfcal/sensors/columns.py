@@ -223,10 +223,16 @@ def lost_column(names: Collection[str], robot: Robot) -> tuple[str, str] | None:
         link = target if target in links else target.partition(":")[0]
         spot = ending in ("y", "z") and f"{target}.x" not in known  # which has reasons of its own to be lost
         if dot and ending in _OF_TARGETS and link not in links and not spot:
-            return name, no_such("link", link, links)
+            return name, f"{no_such('link', link, links)}{_put_on(link)}"
         if dot and link in links and ending not in _OF_TARGETS and ending not in _OF_NOISE:
             return name, f"the ending '.{ending}' means nothing; expected one of {', '.join(f'.{own}' for own in _OF_TARGETS)}"
     return None
+
+
+def _put_on(link: str) -> str:
+    """The way out for a link that is called as `urdfcal rig` calls what it puts on a robot."""
+    option = {"board": "--board COLSxROWS:SQUARE", "target": "--tracker"}.get(link)
+    return f"; urdfcal rig {option} puts one on the robot" if option else ""
 
 
 def without_link(names: Collection[str]) -> tuple[str, str] | None:
@@ -250,7 +256,8 @@ def nothing_read(names: Collection[str], robot: Robot) -> tuple[str, str] | None
         link = spots[0].rpartition(".")[0]
         return spots[0], (
             f"the file looks like laser spots (.y and .z), and the robot has {'no link' if link not in robot.tree.links else 'a link'} "
-            f"'{link}'; name the lasers with --laser LINK and the screen with --screen LINK, or give a point its .x too"
+            f"'{link}'; name the lasers with --laser LINK and the screen with --screen LINK, put them on the robot with urdfcal rig "
+            "--screen, or give a point its .x too"
         )
     if not any(joint in names for joint in robot.tree.joints):
         return None

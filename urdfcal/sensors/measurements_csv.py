@@ -20,6 +20,7 @@ from urdfcal.sensors.column_names import as_people_write
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
 from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.off_screen import beyond_the_screen
 from urdfcal.sensors.pose_columns import pose_facts
 from urdfcal.sensors.readings import Readings, blank_readings
 from urdfcal.sensors.registry import SENSORS
@@ -75,7 +76,7 @@ def measurements_of(
     joints = JointColumns(table, columns.robot)
     q, names = joints.positions, tuple(joint.name for joint in columns.robot.chain.inputs)
     facts = pose_facts(table, names, q)
-    return Measurements(
+    data = Measurements(
         joints=names,
         q=q,
         readings=_all_readings(table, columns),
@@ -93,6 +94,7 @@ def measurements_of(
         temperature=facts.temperature,
         series=f"{table.path} {table.sha256}" if table.sha256 else uuid4().hex,
     )
+    return replace(data, warnings=(*data.warnings, *beyond_the_screen(columns.robot, data)))
 
 
 def read_named_table(path: str | Path, robot: Robot, target: str | None = None) -> Table:

@@ -38,6 +38,7 @@ class PixelSensor(Sensor):
     endings: ClassVar[Mapping[str, Quantity]] = {"u": "pixel", "v": "pixel"}
     sigma_ending = "sigma_px"
     by_camera = True
+    simulated: ClassVar[tuple[str, ...]] = ("pixels",)
     mark = "target, on the ray of its pixel"
     line = "line of sight"
 

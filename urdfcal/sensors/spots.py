@@ -261,6 +261,7 @@ class SpotPixelSensor(PixelSensor):
     """A laser's spot as a camera that looks at the screen has it, h = u; the screen's place before the camera is shared by all poses."""
 
     name = "spot_pixel"
+    simulated = ()
     seen_from = "screen"
     beam = True
     mark = "spot, measured"

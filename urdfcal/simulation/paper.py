@@ -19,13 +19,14 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.calibration.fitting import fit
 from urdfcal.calibration.problem import Problem
-from urdfcal.calibration.reach import ScreenArea, draw_poses
+from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.simulation.readings import SimulatedNoise, simulate, true_spots
 

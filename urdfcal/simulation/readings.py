@@ -12,19 +12,23 @@ from typing import Literal
 import numpy as np
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
-from urdfcal.calibration.reach import ScreenArea, draw_poses
+from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
+from urdfcal.calibration.reach import draw_where, drawn_in_view, on_screen
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK
+from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings, spots_measured
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import View
 from urdfcal.sensors.spots import Beams, beams_at, beams_in
+from urdfcal.simulation.pictures import Subject, any_in_view
 from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup, random_positions
 from urdfcal.simulation.touching import Touch, touching, turns_of
 
+_MOST_PICTURES = 200_000
 Distribution = Literal["gaussian", "uniform"]
 
 
@@ -97,18 +101,42 @@ class ReadingNoise(SimulatedNoise):
     Attributes:
         length: Of a point's coordinates, of a distance, and how far a touch is off in each direction, [m].
         angle: Of an orientation about each axis, [rad].
+        pixel: Of a corner or a target in a picture, [px].
     """
 
     length: float = 0.0
     angle: float = 0.0
+    pixel: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (0 <= self.length < np.inf and 0 <= self.angle < np.inf):
+        if not all(0 <= size < np.inf for size in (self.length, self.angle, self.pixel)):
             raise UsageError("noise must be finite and not negative")
+
+    def of(self, unit: str) -> float:
+        """What readings that are told in a unit, mm, deg or px, are drawn with."""
+        return {"mm": self.length, "deg": self.angle, "px": self.pixel}[unit]
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """Measurements at random poses.
+
+    Attributes:
+        data: The measurements.
+        looked: How many random poses had to be drawn for them; 0 where any pose would do, or touches are made.
+    """
+
+    data: Measurements
+    looked: int
 
 
 def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generator, noise: ReadingNoise | None = None) -> Measurements:
-    """Measurements of the robot at random poses: every target is seen in each of them, touches take turns.
+    """The measurements of `simulated_readings` alone."""
+    return simulated_readings(setup, poses, rng, noise).data
+
+
+def simulated_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generator, noise: ReadingNoise | None = None) -> Simulated:
+    """Measurements of the robot at random poses: every target is seen in each of them, or the camera sees one, touches take turns.
 
     Args:
         setup: Robot, truth and instruments.
@@ -117,7 +145,7 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
         noise: None by default.
 
     Raises:
-        UsageError: poses that touch the places, or put the beams on the screen, are too rare.
+        UsageError: poses that touch the places, put the beams on the screen or the board into the picture, are too rare.
     """
     noise, sessions = noise or ReadingNoise(), setup.errors.sessions
     turns = turns_of(setup.sensors)
@@ -125,8 +153,9 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
     parts = [_one_session(setup, session, count, turns, rng, noise) for session, count in zip(sessions, own, strict=True)]
     q, spots = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     readings = [_joined([part[2][index] for part in parts]) for index in range(len(parts[0][2]))]
+    readings = [each for each in readings if each.seen.any() or not each.kind.by_camera]  # corners that no picture shows get no column
     turning = np.array([0.0 if joint.prismatic else 1.0 for joint in setup.robot.chain.inputs])
-    return Measurements(
+    data = Measurements(
         joints=setup.robot.chain.input_names,
         q=q + noise.draw(rng, noise.joint, q.shape) * turning,
         readings=(*spot_readings(setup.robot.rig.lasers, spots), *readings),
@@ -134,27 +163,51 @@ def simulate_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generato
         sets=np.full(poses, "fit", dtype="<U4"),
         sessions=np.repeat(sessions, own),
         reference=setup.robot.instruments.reference,
+        camera=setup.camera,
+        boards=setup.boards,
     )
+    return Simulated(data, sum(part[3] for part in parts))
 
 
 def _one_session(
     setup: SimulatedSetup, session: str, poses: int, turns: list[Touch], rng: np.random.Generator, noise: ReadingNoise
-) -> tuple[Matrix, Array3, list[Readings]]:
-    """True joint positions, spots and readings of one session."""
+) -> tuple[Matrix, Array3, list[Readings], int]:
+    """True joint positions, spots and readings of one session, and how many random poses were drawn for them."""
+    touches, looked = [turns[pose % len(turns)] for pose in range(poses)] if turns else [], 0
     if turns:
-        touches = [turns[pose % len(turns)] for pose in range(poses)]
         q = touching(setup, session, touches, noise.draw(rng, noise.length, (poses, 3)), rng)
-    elif setup.robot.rig.lasers:
-        touches, q = [], draw_poses(setup.robot, replace(setup.errors, sessions=("",)), setup.x, poses, rng, area=setup.area)
+    elif setup.robot.rig.lasers and not setup.pictured:
+        drawn = drawn_in_view(setup.robot, replace(setup.errors, sessions=("",)), setup.x, poses, rng, area=setup.area)
+        q, looked = drawn.q, drawn.looked
+    elif setup.pictured:
+        q, looked = _pictured(setup, session, poses, rng)
     else:
-        touches, q = [], random_positions(setup, poses, rng)
+        q = random_positions(setup, poses, rng)
     parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, max(poses, 1), CHUNK)]
     spots = np.concatenate([_spots(beams_in(setup.robot.chain, motion), setup.area) for motion, _ in parts])
     readings = []
     for sensor in setup.sensors:
         p, R = (np.concatenate([seen[sensor.target][part] for _, seen in parts]) for part in (0, 1))
         readings += [_read(setup, sensor, kind, p, R, touches, rng, noise) for kind in SENSOR_KINDS[sensor.kind]]
-    return q, spots + noise.draw(rng, noise.spot, spots.shape), readings
+    return q, spots + noise.draw(rng, noise.spot, spots.shape), readings, looked
+
+
+def _pictured(setup: SimulatedSetup, session: str, poses: int, rng: np.random.Generator) -> tuple[Matrix, int]:
+    """Poses at which the camera sees a board or target, and every beam meets the screen where there are lasers."""
+    require_room(setup.robot)
+    beams = on_screen(replace(setup.errors, sessions=("",)), setup.x, setup.area) if setup.robot.rig.lasers else None
+
+    def in_view(q: Matrix) -> Mask:
+        seen = any_in_view(setup.subjects(q, session), setup.camera)
+        return seen if beams is None else seen & beams(q)
+
+    drawn = draw_where(in_view, np.array(joint_limits(setup.robot)), poses, rng, most=_MOST_PICTURES, batch=CHUNK)
+    if len(drawn.q) < poses:
+        raise UsageError(
+            f"the camera sees its target in {len(drawn.q)} of {drawn.looked} random poses, {poses} were asked for; "
+            "see that board and camera look at each other, or let the camera stand anywhere (without --reference-known)"
+        )
+    return drawn.q, drawn.looked
 
 
 def _spots(beams: Beams, area: ScreenArea) -> Array3:
@@ -174,14 +227,17 @@ def _read(
     noise: ReadingNoise,
 ) -> Readings:
     """What one sensor reads of its target, seen at p with axes R."""
-    n, how = len(p), SENSORS[kind]
+    n, how = len(p), SENSORS[kind].with_camera(setup.camera)
     labels = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
     places = () if how.touches else how.places(sensor.target, ())
     numbers = np.concatenate([np.empty(0), *(setup.place(place.name) for place in places)])
     axes = next((setup.errors.planes[place.name] for place in places if place.name in setup.errors.planes), np.eye(3))
     view = View(p, R, np.tile(numbers, (n, 1)), np.broadcast_to(axes, (n, 3, 3)))
-    scale = noise.angle if how.words.of_angles else noise.length
+    scale = noise.of(how.words.unit)
     values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
+    if how.by_camera:
+        seen = Subject(p, R, np.zeros((1, 3)), sensor.link in setup.boards).read(setup.camera)
+        values = np.where(seen, values, np.nan)
     touched = np.array(labels, dtype=str) if how.touches else np.full(n, "")
     return Readings(kind, sensor.target, sensor.link, values, touched, np.full(n, np.nan))
 
@@ -191,11 +247,13 @@ def _joined(parts: Sequence[Readings]) -> Readings:
     return replace(parts[0], values=values, labels=labels, sigma=np.full(len(labels), np.nan))
 
 
-def reading_noise(spot_mm: float, joint_deg: float, distribution: str, target_mm: float, orientation_deg: float) -> ReadingNoise:
+def reading_noise(
+    spot_mm: float, joint_deg: float, distribution: str, target_mm: float, orientation_deg: float, pixel_px: float = 0.0
+) -> ReadingNoise:
     """Noise in the units of the command line.
 
     Raises:
         UsageError: it is negative, or the distribution is unknown.
     """
     spots = noise_from(spot_mm, joint_deg, distribution)
-    return ReadingNoise(spots.spot, spots.joint, spots.distribution, length=target_mm * MM, angle=orientation_deg * DEG)
+    return ReadingNoise(spots.spot, spots.joint, spots.distribution, length=target_mm * MM, angle=orientation_deg * DEG, pixel=pixel_px)

@@ -5,8 +5,8 @@ Measuring frames, targets and places are put anywhere, rotations up to half a tu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,18 +15,21 @@ import pinocchio as pin
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
 from urdfcal.calibration.problem import seen_by, seen_placement
-from urdfcal.calibration.reach import ScreenArea
+from urdfcal.calibration.reach import screen_area
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
-from urdfcal.robot.rig import SIX
+from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
+from urdfcal.simulation.pictures import Subject, camera_place
 
 _ASKED = dict.fromkeys(word for sensor in SENSORS.values() for word in sensor.simulated)
 SENSOR_KINDS = {word: tuple(name for name, sensor in SENSORS.items() if word in sensor.simulated) for word in _ASKED}
+_LOOKED_AT = 600  # random poses by which a camera's place is chosen
 _FRAME_FAR, _TARGET_FAR = 1.0, 0.08  # [m] how far instruments stand from what they are on, a standard deviation
 
 
@@ -57,6 +60,8 @@ class SimulatedSetup:
         x: The truth, (p,), [m] and [rad].
         sensors: What reads.
         area: The screen, where there are lasers.
+        camera: What pixels are read with, a `sensors.camera.Camera`.
+        boards: Links that are boards, with the grids of their corners.
     """
 
     robot: Robot
@@ -64,6 +69,8 @@ class SimulatedSetup:
     x: Vector
     sensors: tuple[SimulatedSensor, ...]
     area: ScreenArea
+    camera: Any = None
+    boards: Mapping[str, Grid] = field(default_factory=dict)
 
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
@@ -76,6 +83,27 @@ class SimulatedSetup:
             if frame.role == "target":
                 seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_by(twists, chain, motion, placed, index, 0)[1]
         return motion, seen
+
+    @property
+    def pictured(self) -> tuple[SimulatedSensor, ...]:
+        """What the camera reads."""
+        return tuple(sensor for sensor in self.sensors if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]))
+
+    def subjects(self, q: Matrix, session: str) -> list[Subject]:
+        """What the camera looks at, in its own axes, at true positions q."""
+        errors, chain = self.errors, self.errors.chain
+        arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
+        placed = errors.still_placements(self.x, session)
+        frames = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q)).frames
+        found: dict[str, Subject] = {}
+        for sensor in self.pictured:
+            grid = self.boards.get(sensor.link)
+            label, at = (sensor.link, grid.points()) if grid is not None else (sensor.target, np.zeros((1, 3)))
+            if label not in found:
+                p, R = seen_placement(frames, chain.frame_index("target", sensor.target), 0)
+                first = at[int(sensor.target.partition(":")[2])] if grid is not None else np.zeros(3)
+                found[label] = Subject(p - R @ first, R, at, grid is not None)
+        return list(found.values())
 
     def place(self, name: str) -> Vector:
         """The true numbers of a place that several poses share."""
@@ -98,13 +126,21 @@ class SimulatedSetup:
         return {"frames": frames, "places": places} if places else {"frames": frames}
 
 
-def parse_sensors(words: Sequence[str], robot: Robot, places: int) -> tuple[tuple[SimulatedSensor, ...], bool]:
-    """The sensors that a command line names, and whether the robot's lasers are among them.
+def parse_sensors(
+    words: Sequence[str], robot: Robot, places: int, boards: Mapping[str, Grid] | None = None
+) -> tuple[tuple[SimulatedSensor, ...], bool]:
+    """The sensors that a command line names, and whether the robot's lasers are among them; a board is read by its corners.
 
     Raises:
         UsageError: no such kind of sensor, or no such link.
     """
-    return tuple(parse_sensor(word, robot, places) for word in words if word != "laser"), "laser" in words
+    named = [parse_sensor(word, robot, places) for word in words if word != "laser"]
+    return tuple(own for sensor in named for own in _by_corners(sensor, boards or {})), "laser" in words
+
+
+def _by_corners(sensor: SimulatedSensor, boards: Mapping[str, Grid]) -> Sequence[SimulatedSensor]:
+    grid = boards.get(sensor.target) if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]) else None
+    return [sensor] if grid is None else [replace(sensor, target=f"{sensor.link}:{corner}") for corner in range(grid.corners)]
 
 
 def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
@@ -123,7 +159,13 @@ def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
     return SimulatedSensor(kind, target, link, places if any(SENSORS[name].touches for name in SENSOR_KINDS[kind]) else 0)
 
 
-def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str = "", lasers: bool = False) -> Robot:
+def seen_with(
+    robot: Robot,
+    sensors: Sequence[SimulatedSensor],
+    reference: str = "",
+    lasers: bool = False,
+    boards: Mapping[str, Grid] | None = None,
+) -> Robot:
     """The robot as these sensors see it; with its lasers if they are wanted.
 
     Raises:
@@ -138,7 +180,7 @@ def seen_with(robot: Robot, sensors: Sequence[SimulatedSensor], reference: str =
         for sensor, labels in zip(sensors, place_labels(sensors), strict=True)
         for kind in SENSOR_KINDS[sensor.kind]
     ]
-    seen = robot.seen_by(instruments_of(blank, reference), robot.lasers if lasers else ())
+    seen = robot.seen_by(instruments_of(blank, reference, boards=boards), robot.lasers if lasers else ())
     seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
     return seen
 
@@ -154,6 +196,8 @@ def simulated_setup(
     reference_known: bool = False,
     target_known: bool = False,
     area: ScreenArea | None = None,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
 ) -> SimulatedSetup:
     """Put measuring frames, targets and places somewhere; what the truth said of them is left out.
 
@@ -166,7 +210,12 @@ def simulated_setup(
         sessions: Each has a measuring frame of its own.
         reference_known: The measuring frame is the reference link's own.
         target_known: What is measured is the targets' links themselves.
-        area: The screen.
+        area: The screen; by default as the URDF has it.
+        camera: What pixels are read with; it stands where it sees its target at many poses.
+        boards: Links that are boards, with the grids of their corners.
+
+    Raises:
+        UsageError: pixels are to be read without a camera, or by one that sees nothing.
     """
     slots = []
     for slot in errors.slots:
@@ -179,7 +228,26 @@ def simulated_setup(
     beside = [parameter.kind in INSTRUMENTS for parameter in errors.parameters]
     truth = np.where(beside, 0.0, errors.check(x))
     errors = replace(errors, slots=tuple(slots), sessions=tuple(sessions))
-    return _with_places(SimulatedSetup(robot, errors, truth, tuple(sensors), area or ScreenArea()), rng)
+    setup = SimulatedSetup(robot, errors, truth, tuple(sensors), area or screen_area(robot), camera, boards or {})
+    return _with_places(_with_camera(setup, reference_known, rng), rng)
+
+
+def _with_camera(setup: SimulatedSetup, reference_known: bool, rng: np.random.Generator) -> SimulatedSetup:
+    """The camera where it sees its targets, one place a session; on its link where that is known."""
+    if not setup.pictured:
+        return setup
+    if setup.camera is None:
+        raise UsageError(f"{setup.pictured[0].target} is to be read in pictures: name the camera's lens with --camera CAMERA.yaml")
+    if reference_known:
+        return setup
+
+    def stand(found: Mapping[str, SE3]) -> SimulatedSetup:
+        slots = [replace(slot, found=dict(found)) if slot.kind == "reference" else slot for slot in setup.errors.slots]
+        return replace(setup, errors=replace(setup.errors, slots=tuple(slots)))
+
+    at_link = stand(dict.fromkeys(setup.errors.sessions, pin.SE3.Identity()))
+    q = random_positions(setup, _LOOKED_AT, rng)
+    return stand({session: camera_place(setup.camera, at_link.subjects(q, session), rng) for session in setup.errors.sessions})
 
 
 def place_labels(sensors: Sequence[SimulatedSensor]) -> list[tuple[str, ...]]:

@@ -11,12 +11,13 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.notebook import card
-from urdfcal.calibration.reach import ScreenArea, draw_poses
+from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import require_room
 from urdfcal.robot.robot import Robot, with_text
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.simulation.readings import Distribution, ReadingNoise, simulate_readings

@@ -6,13 +6,14 @@ each side, through the lens, and averaged: a pixel integrates what falls on it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.camera.markers import ScreenMarkers
 from urdfcal.vision.render.image_sensor import strips
@@ -34,14 +35,14 @@ class Lighting:
         gradient: By how much it changes from the middle to the edge, of the level, along `angle`.
         angle: Direction of the gradient in the screen, from +y toward +z, [rad].
         vignetting: Loss in the picture's corners, of the light.
-        screen_size: Side of the square screen, [m].
+        screen: The part of its plane that is there.
     """
 
     level: float = 0.25
     gradient: float = 0.3
     angle: float = 0.6
     vignetting: float = 0.2
-    screen_size: float = 3.0
+    screen: ScreenArea = field(default_factory=ScreenArea)
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,10 @@ def _unprinted(camera: Camera, lighting: Lighting, strip: slice) -> Matrix:
     width, height = camera.size
     columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(strip.start, strip.stop, dtype=float))
     spots = camera.spots_of_grid(columns[0], rows[:, 0])
-    half = lighting.screen_size / 2
-    along = spots @ np.array([np.cos(lighting.angle), np.sin(lighting.angle)]) / half
+    half = float(np.max(lighting.screen.size)) / 2
+    along = (spots - lighting.screen.centre) @ np.array([np.cos(lighting.angle), np.sin(lighting.angle)]) / half
     light = lighting.level * np.clip(1 + lighting.gradient * np.nan_to_num(along), 0.1, None)
-    on_sheet = (np.abs(np.nan_to_num(spots, nan=np.inf)) <= half).all(axis=2)
+    on_sheet = lighting.screen.holds(np.nan_to_num(spots, nan=np.inf))
     light = np.where(on_sheet, light, _WALL * lighting.level)
     corner = np.hypot(columns - width / 2, rows - height / 2) / np.hypot(width / 2, height / 2)
     return np.asarray(light * (1 - lighting.vignetting * corner**2))

@@ -16,6 +16,7 @@ from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.base.tables import csv_text
 from urdfcal.model.gauge import build_error_model
 from urdfcal.robot.robot import Robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.spots import beams_at
 from urdfcal.vision.camera.markers import ScreenMarkers
@@ -35,10 +36,9 @@ class LitSpots:
     spots: Array3
     direction: Array3
 
-    def within(self, side: float) -> LitSpots:
-        """Those that meet a square screen of some side [m] around the origin; the others make no spot."""
-        inside = np.asarray((np.abs(self.spots) <= side / 2).all(axis=-1))
-        return LitSpots(np.where(inside[..., None], self.spots, np.nan), self.direction)
+    def within(self, area: ScreenArea) -> LitSpots:
+        """Those that meet the screen where it is; the others make no spot."""
+        return LitSpots(np.where(area.holds(self.spots)[..., None], self.spots, np.nan), self.direction)
 
     @property
     def count(self) -> int:

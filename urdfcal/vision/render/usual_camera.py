@@ -19,6 +19,11 @@ _FAR_OFF = 5.0  # times farther from the middle than half of the spots are: too 
 _TOWARDS = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])  # screen axes in a camera that looks along the screen's +x
 
 
+def usual_lens() -> Camera:
+    """The same camera, wherever it stands."""
+    return Camera(_SIZE, _matrix(), _BARREL, "plain")
+
+
 def usual_camera(spots: Matrix, marks: Matrix | None = None) -> Camera:
     """A plain camera in front of the screen that sees some spots, but for single ones far off.
 
@@ -47,10 +52,13 @@ def _without_far_off(spots: Matrix) -> Matrix:
 
 def _camera(middle: Matrix, distance: float) -> Camera:
     R = _TOWARDS @ pin.exp3(np.array([0.0, 0.0, _OBLIQUE]))
-    width, height = _SIZE
-    matrix = np.array([[_FOCAL, 0.0, (width - 1) / 2], [0.0, _FOCAL, (height - 1) / 2], [0.0, 0.0, 1.0]])
     T_camera_screen: SE3 = pin.SE3(R, np.array([0.0, 0.0, distance]) - R @ middle)
-    return Camera(_SIZE, matrix, _BARREL, "plain", T_camera_screen, "front")
+    return Camera(_SIZE, _matrix(), _BARREL, "plain", T_camera_screen, "front")
+
+
+def _matrix() -> Matrix:
+    width, height = _SIZE
+    return np.array([[_FOCAL, 0.0, (width - 1) / 2], [0.0, _FOCAL, (height - 1) / 2], [0.0, 0.0, 1.0]])
 
 
 def _sees(camera: Camera, spots: Matrix) -> bool:
