@@ -8,19 +8,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.base.version import __version__
-from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.known_joints import joints_of
-from urdfcal.calibration.result import FitResult
 from urdfcal.output.text.instruments import noise_in_common
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
+
+if TYPE_CHECKING:  # what a fit is takes long to import, and reading and replacing files wants none
+    from urdfcal.calibration.error_table import SpotTable
+    from urdfcal.calibration.result import FitResult
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str], files: Mapping[str, str] | None = None) -> bytes:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +11,14 @@ import pinocchio as pin
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
+from urdfcal.output.view.drawn_shapes import draw_shapes
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
 from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks
-from urdfcal.output.view.mesh_files import Textures
 from urdfcal.output.view.meshes import on_screen
 from urdfcal.output.view.motion import draw_motion
 from urdfcal.output.view.placed import frame_placements, screen_placements
-from urdfcal.output.view.recorder import VIEWER_SCRIPT, ColladaMesh, MeshcatVisualizer, Recorder, loadMesh
+from urdfcal.output.view.recorder import VIEWER_SCRIPT, Recorder
 from urdfcal.output.view.scene import Frame, Scene
 from urdfcal.output.view.screen import Sheet, draw_all_beams, draw_pose_beams, draw_sheet
 from urdfcal.output.view.shapes import Shapes
@@ -64,14 +61,7 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         tab[own].set_property("visible", False)
     for light, intensity in _LIGHTS.items():
         tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
-    robot = _Display(scene.solid.model, None, shapes.model)
-    robot.textures = shapes.textures
-    robot.initViewer(viewer=tab)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
-        warnings.simplefilter("ignore", FutureWarning)
-        robot.loadViewerModel("solid")
-    robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
+    draw_shapes(tab["solid/visuals"], shapes)
     styles: dict[Frame, Style] = {frame: FlatStyle(scene.side) if frame == "screen" else RoundStyle() for frame in scene.groups}
     for frame, group in scene.groups.items():
         draw_marks(tab[f"{frame}/marks"], group, styles[frame])
@@ -93,26 +83,6 @@ def _draw_screen(node: Any, scene: Scene) -> None:
     draw_pose_beams(node["pose"], "beam", len(scene.data.lasers), scene.extent)
     if scene.calibrated is not None:
         draw_pose_beams(node["pose"], "nominal_beam", len(scene.data.lasers), scene.extent, NOMINAL)
-
-
-class _Display(MeshcatVisualizer):  # type: ignore[misc]
-    """Pinocchio's display, which would put whatever a Collada file names as its texture into the page; here only what was looked at.
-
-    A mesh without its textures is drawn without colours.
-    """
-
-    textures: Mapping[str, Textures | None]
-
-    def loadMeshFromFile(self, geometry_object: Any) -> Any:
-        path = Path(geometry_object.meshPath)
-        if path.suffix.lower() != ".dae":
-            return super().loadMeshFromFile(geometry_object)
-        own = self.textures.get(str(path))
-        if own is not None:
-            return ColladaMesh(path.read_text("utf-8", errors="replace"), dict(own))
-        mesh = loadMesh(geometry_object.geometry)
-        mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
-        return mesh
 
 
 def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
