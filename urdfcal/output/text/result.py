@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,28 +161,40 @@ def parameter_table(calibration: FitResult) -> RenderableType:
 def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
     """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
     rows, corrected = list(rows), None if corrected is None else list(corrected)
-    tilts, slides = (
-        any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])),
-        any(abs(row.slide) > 1e-9 for row in rows + (corrected or [])),
-    )
-    names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
+    every = rows + (corrected or [])
+    columns = [
+        ("a\nmm", True),
+        ("d\nmm", True),
+        ("alpha\ndeg", True),
+        ("beta\ndeg", tilts := any(abs(row.beta) > 1e-9 for row in every)),
+        ("theta\ndeg", True),
+        ("then along z\nmm", any(abs(row.slide) > 1e-9 for row in every)),
+        ("slides along\nx, y, z", sliding := any(row.direction is not None for row in every)),
+    ]
+    wanted = [there for _, there in columns]
     table = figures_table("joint")
-    for name in names:
-        table.add_column(name, justify="right")
+    for name, there in columns:
+        if there:
+            table.add_column(name, justify="right")
     for row in rows:
-        table.add_row(row.name, *_dh_cells(row, tilts, slides))
+        table.add_row(row.name, *compress(_dh_cells(row), wanted))
     if corrected is not None:
         table.add_section()
         for row in corrected:
-            table.add_row(f"{row.name} (corrected)", *_dh_cells(row, tilts, slides))
+            table.add_row(f"{row.name} (corrected)", *compress(_dh_cells(row), wanted))
     form = f"Trans(x,a) Trans(z,d) Rot(x,alpha) {'Rot(y,beta) ' if tilts else ''}Rot(z,theta)"
+    if sliding:
+        table.caption, table.caption_justify = "A joint that slides does so in the frame where the row before it ends.", "left"
     return titled(f"D-H table at q = 0: {form}", table)
 
 
 def dh_json(rows: Iterable[DhRow]) -> list[dict[str, Any]]:
-    """The D-H table in metres and radians."""
+    """The D-H table in metres and radians; of a joint that slides, where to."""
     names = ("name", "a", "d", "alpha", "beta", "theta", "slide")
-    return [{name: getattr(row, name) for name in names} for row in rows]
+    return [
+        {name: getattr(row, name) for name in names} | {"direction": None if row.direction is None else row.direction.tolist()}
+        for row in rows
+    ]
 
 
 def carried_lines(carried: Mapping[str, str]) -> list[str]:
@@ -317,10 +330,13 @@ def _carried(carried: Mapping[str, str]) -> list[RenderableType]:
     return ["", "Not in the state, since no measurement could tell them from others:", *lines] if lines else []
 
 
-def _dh_cells(row: DhRow, tilts: bool, slides: bool) -> list[str]:
-    cells = [_fixed(row.a / MM), _fixed(row.d / MM), _fixed(row.alpha / DEG)]
-    cells += [_fixed(row.beta / DEG)] if tilts else []
-    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM) if row.slide else ""] if slides else [])]
+def _dh_cells(row: DhRow) -> list[str]:
+    """Every column, of which some may not be shown; a joint that slides has a direction alone."""
+    if row.direction is not None:
+        return [""] * 6 + ["  ".join(_fixed(part) for part in row.direction)]
+    lengths = [_fixed(row.a / MM), _fixed(row.d / MM)]
+    angles = [_fixed(angle / DEG) for angle in (row.alpha, row.beta, row.theta)]
+    return [*lengths, *angles, _fixed(row.slide / MM) if row.slide else "", ""]
 
 
 def _fixed(value: float) -> str:
