@@ -13,7 +13,7 @@ import pinocchio as pin
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.output.view.key_frames import Clips, KeyFrames, jumps
 from urdfcal.output.view.marks import PREDICTED, Style
-from urdfcal.output.view.placed import frame_placements, screen_placements
+from urdfcal.output.view.placed import frame_placements, link_placements, screen_placements
 from urdfcal.output.view.scene import Frame, MarkGroup, Scene
 from urdfcal.output.view.shapes import Shapes
 from urdfcal.robot.configurations import whole_configurations
@@ -30,6 +30,8 @@ def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styl
     whole = whole_configurations(scene.solid, keys.q)
     T_root_screen = screen_placements(scene.solid, whole)
     _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
+    for number, link in enumerate(scene.frames):
+        place(viewer, clips, f"frames/{number}", keys.times, link_placements(scene.solid, link, whole))
     if scene.calibrated is not None:
         ghost = whole_configurations(scene.robot, keys.q)
         roots = [ours * theirs.inverse() for ours, theirs in zip(T_root_screen, screen_placements(scene.robot, ghost), strict=True)]

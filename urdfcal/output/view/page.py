@@ -11,13 +11,14 @@ import pinocchio as pin
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
+from urdfcal.output.view.cameras import draw_camera
 from urdfcal.output.view.drawn_shapes import draw_shapes
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
-from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks
-from urdfcal.output.view.meshes import on_screen
+from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks, draw_triad, frame_axes
+from urdfcal.output.view.meshes import on_screen, seen_through
 from urdfcal.output.view.motion import draw_motion
-from urdfcal.output.view.placed import frame_placements, screen_placements
+from urdfcal.output.view.placed import frame_placements, link_placements, screen_placements
 from urdfcal.output.view.recorder import VIEWER_SCRIPT, Recorder
 from urdfcal.output.view.scene import Frame, Scene
 from urdfcal.output.view.screen import Sheet, draw_all_beams, draw_pose_beams, draw_sheet
@@ -28,6 +29,7 @@ from urdfcal.robot.robot import Robot
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
 _GHOST_OPACITY = 0.3
+_FRAME = 0.07  # length of the axes of links over the extent of the robot
 _FARTHEST = 1e5  # [m] from the root
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
 
@@ -70,10 +72,25 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         _draw_screen(tab["screen"], scene)
     if "frame" in scene.groups:
         draw_frame(tab["frame/marks"], scene.groups["frame"], scene.placed[-1].planes)
+    length = _axes_length(shapes.corners(scene.solid, whole_configurations(scene.solid, keys.q[:1])[0]))
+    for number in range(len(scene.frames)):
+        draw_triad([tab[f"frames/{number}/{axis}"] for axis in "xyz"], length, 0.06 * length, seen_through)
+    if scene.camera is not None:
+        draw_camera(tab[f"{scene.camera.frame}/camera"], scene.camera, _camera_depth(scene, length))
     clips = draw_motion(tab, scene, shapes, keys, styles)
     if len(keys.rows) > 1:
         recorder.send(SetClips(clips))
     return recorder
+
+
+def _axes_length(corners: Matrix) -> float:
+    """How long the axes of links are, [m], on a robot of these corners."""
+    return _FRAME * float(np.ptp(corners, axis=0).max())
+
+
+def _camera_depth(scene: Scene, length: float) -> float:
+    """How deep the pyramid of a camera is drawn, [m]: as long as a frame's axes, and not beyond what it looks at."""
+    return min(1.5 * length, 0.5 * scene.groups[scene.camera.frame].size) if scene.camera is not None else length
 
 
 def _draw_screen(node: Any, scene: Scene) -> None:
@@ -103,9 +120,18 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     else:
         middle = (targets if len(targets) else robot).mean(axis=0)
         normal, seen, spots = middle - _base(scene.solid, whole[0]), [], targets
-    points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
+    axes = [_in_root(link_placements(scene.solid, link, whole)[0], _axes_length(robot) * np.eye(3)) for link in scene.frames]
+    points = np.unique(np.round(np.concatenate([robot, *axes, *seen, targets, *_camera_in_root(scene, whole, q)]), 3), axis=0)
     direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
     return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _camera_in_root(scene: Scene, whole: Matrix, q: Vector) -> list[Matrix]:
+    """Where the camera stands in the first pose, if there is one."""
+    if scene.camera is None:
+        return []
+    there = screen_placements(scene.solid, whole) if scene.camera.frame == "screen" else frame_placements(scene.placed[-1], whole, q[None])
+    return [(there[0] * scene.camera.T_frame_camera).translation[None]]
 
 
 def _require_near(scene: Scene, corners: Matrix) -> None:
@@ -135,7 +161,8 @@ def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
     for T, row in zip(frame_placements(scene.placed[-1], every, scene.data.q[rows]), rows, strict=True):
         own = np.array([mark.read[row] for mark in group.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
         near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * group.size
-        found.append(_in_root(T, np.concatenate([own, np.zeros((int(near.any()), 3))])))
+        seen = near.any() or (scene.camera is not None and scene.camera.frame == "frame")
+        found.append(_in_root(T, np.concatenate([own, *([np.zeros((1, 3)), frame_axes(group)] if seen else [])])))
     return np.concatenate(found)
 
 

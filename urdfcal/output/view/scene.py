@@ -12,9 +12,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.model.options import ModelOptions
+from urdfcal.output.view.cameras import SeenCamera
 from urdfcal.output.view.placed import Mark, Placed, placed_robot
 from urdfcal.output.view.screen import Sheet, sheet_of
 from urdfcal.robot.robot import Robot
@@ -31,6 +33,7 @@ _LEAST_WIDTH = 0.3  # [m] of the marks in the measuring frame
 _LONGEST: dict[Frame, float] = {"screen": 0.25, "frame": 0.06}  # over the group's size, for nine arrows out of ten
 _CHOICES: dict[Frame, tuple[float, ...]] = {"screen": MAGNIFICATIONS, "frame": (500.0, 200.0, 100.0, 50.0, *MAGNIFICATIONS)}
 _MOST_OF_A_BOARD = 4  # corners
+_MOST_FRAMES = 6  # of links that are drawn
 
 
 @dataclass(frozen=True)
@@ -151,6 +154,25 @@ class Scene:
         """The nominal robot with its instruments placed, then the calibrated one."""
         robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
         return tuple(placed_robot(robot, self.data, self.options) for robot in robots)
+
+    @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Links whose frames are drawn: the root's and, where nothing else shows them, those of the module or the targets."""
+        rig = self.solid.rig
+        ends = (rig.tip,) if rig.lasers else ()
+        targets = tuple(target.link for target in rig.instruments.targets)
+        return tuple(dict.fromkeys((self.solid.tree.root, *ends, *targets)))[:_MOST_FRAMES]
+
+    @cached_property
+    def camera(self) -> SeenCamera | None:
+        """The camera that readings were made with: it is the measuring frame, or knows where the screen is."""
+        camera = self.data.camera
+        if camera is None:
+            return None
+        if any(reading.kind.by_camera and not reading.kind.beam for reading in self.data.readings) and "frame" in self.groups:
+            return SeenCamera(camera, "frame", pin.SE3.Identity())
+        there = camera.T_camera_screen is not None and "screen" in self.groups
+        return SeenCamera(camera, "screen", camera.T_camera_screen.inverse()) if there else None
 
     @cached_property
     def groups(self) -> dict[Frame, MarkGroup]:

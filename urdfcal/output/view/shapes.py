@@ -28,8 +28,8 @@ from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
 _Reasons = dict[str, list[str]]  # why something is not shown, by what is said of its kind
-_BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
-_LONGEST_RAIL = 5.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
+_BODY, _RAIL, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.42, 0.46, 0.52, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
+_LONGEST_RAIL = 12.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
 _SLENDER = 0.03  # radius of a simple shape over the reach of the arm
 _THINNEST, _THICKEST = 0.006, 0.05  # [m]
 
@@ -102,6 +102,7 @@ def robot_shapes(robot: Robot) -> Shapes:
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
+    _add_rails(robot, model, set(robot.tree.links) - drawn)
     frames = [robot.model.frames[shape.parentFrame] for shape in model.geometryObjects]
     own = tuple(frame.placement.actInv(shape.placement) for frame, shape in zip(frames, model.geometryObjects, strict=True))
     reasons = {**reasons, "meshes are drawn without colours": files.refused_textures}
@@ -221,6 +222,19 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
         _add(robot, model, robot.rig.tip, "box", coal.Box(0.03, 0.06, 0.02), pin.SE3(np.eye(3), np.array([0, 0, -0.01])), _MODULE)
     for laser in (laser for laser in robot.rig.lasers if laser in rig):
         _add(robot, model, laser, "barrel", coal.Cylinder(0.004, 0.04), pin.SE3(np.eye(3), np.array([0, 0, 0.02])), _LASER)
+
+
+def _add_rails(robot: Robot, model: Any, links: set[str]) -> None:
+    """A rail along each joint that slides on one of these links, which have no shape of their own, as far as its limits."""
+    import coal
+
+    for joint in robot.tree.joints.values():
+        length = joint.upper - joint.lower
+        if joint.parent not in links or not joint.prismatic or not 0 < length < _LONGEST_RAIL:
+            continue
+        axis = np.array(joint.axis)
+        rail = joint.origin * _z_to(axis, (joint.lower + joint.upper) / 2 * axis)
+        _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * _radius(robot), length), rail, _RAIL)
 
 
 def _add(robot: Robot, model: Any, link: str, part: str, shape: Any, T_link_shape: SE3, colour: tuple[float, ...]) -> None:
