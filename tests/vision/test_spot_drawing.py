@@ -11,7 +11,7 @@ import pytest
 from urdfcal.vision.spots import drawing
 from urdfcal.vision.spots.detector import PixelSpot, RefusedSpot, Sighting
 
-HEIGHT, WIDTH = 120, 300
+HEIGHT, WIDTH = 120, 520
 
 
 def spot(u: float, v: float, colour: str = "red") -> PixelSpot:

@@ -193,8 +193,7 @@ def dh(
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
     from urdfcal.model.dh import table_with_slides
     from urdfcal.model.gauge import build_error_model
-    from urdfcal.output.stored import corrected_robot
-    from urdfcal.output.text.result import carried_lines, dh_block, dh_json
+    from urdfcal.output.text.dh import carried_lines, dh_block, dh_json
     from urdfcal.robot.rig import SIX, Instruments
     from urdfcal.robot.rig import Target as InstrumentTarget
 
@@ -207,6 +206,8 @@ def dh(
     say(verbose, about(arm))
     rows, corrected = table_with_slides(arm.chain, hayati), None
     if calibration is not None:
+        from urdfcal.output.stored import corrected_robot
+
         origins, missing = stored_calibration(calibration).origins_for(arm)
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
         corrected = table_with_slides(corrected_robot(arm, origins).chain, hayati)

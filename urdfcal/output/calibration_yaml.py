@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from urdfcal.base.files import sha256
 from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.base.version import __version__
 from urdfcal.calibration.known_joints import joints_of
@@ -125,11 +125,6 @@ def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]
         }
         for name, correction in corrections.items()
     }
-
-
-def sha256(content: bytes) -> str:
-    """Hash of some bytes, in hexadecimal."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def _provenance(robot: Robot, command: Sequence[str]) -> dict[str, Any]:

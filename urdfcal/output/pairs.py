@@ -14,7 +14,7 @@ from typing import Any
 from urdfcal.base.errors import CalibrationFileError
 from urdfcal.base.files import read_yaml
 from urdfcal.base.opened import unnoted
-from urdfcal.output.formats import stem_of
+from urdfcal.output.endings import stem_of
 
 ENTRY = "files"  # of the record: the hash of each file that it was written with, by its way from the record's folder
 

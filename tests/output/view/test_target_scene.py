@@ -221,8 +221,11 @@ def test_one_session_is_shown(plain: dict[str, Robot], rng: np.random.Generator)
     robot, data, true = seen("sessions", plain, rng)
     view = view_of(robot, data, true)
     assert set(view.scene.data.sessions) == {"monday"}
-    assert "20 poses of other sessions" in view.warnings[0]
+    assert view.warnings[0] == "of the sessions 'monday' is shown; --session shows another one: 'friday'"
     assert np.nanmax(view.scene.compared[0].phases[1]) < 1e-2
+    other = view_of(robot, data, true, session="friday")
+    assert set(other.scene.data.sessions) == {"friday"}
+    assert np.nanmax(other.scene.compared[0].phases[1]) < 1e-2
 
 
 def test_the_robots_base_is_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:

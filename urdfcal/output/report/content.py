@@ -20,9 +20,10 @@ from urdfcal.output.report.sections import fixed, frames_section, places_section
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
 from urdfcal.output.report.verdict import Opening, count_of, opening_of
 from urdfcal.output.report.wording import wording_of
+from urdfcal.output.text.dh import carried_lines
 from urdfcal.output.text.instruments import first_kind, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
-from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
+from urdfcal.output.text.result import STRONG, combinations_of_robot, strongly_correlated
 from urdfcal.output.text.stands_out import COLUMNS as STANDS_OUT
 from urdfcal.output.text.stands_out import stands_out_rows
 from urdfcal.sensors.measurements import Measurements

@@ -54,7 +54,8 @@ class Layer:
 def layers(scene: Scene) -> list[Layer]:
     """What is in this scene, in the order of the legend."""
     both = scene.calibrated is not None
-    found = [Layer(Swatch("robot", "#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
+    calibrated = "robot, calibrated" if scene.bent is None else "robot, calibrated, with its compensation"
+    found = [Layer(Swatch("robot", "#8b95a1"), calibrated if both else "robot, as its URDF has it", ("solid",))]
     if both:
         found.append(Layer(Swatch("robot", css(NOMINAL), opacity=0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
     axes = tuple(f"frames/{number}" for number in range(len(scene.frames)))

@@ -27,7 +27,7 @@ HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
 def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styles: dict[Frame, Style]) -> Clips:
     """Put everything that moves where it is at the first pose, and give back how it goes on."""
     clips = Clips()
-    whole = whole_configurations(scene.solid, keys.q)
+    whole = whole_configurations(scene.solid, keys.solid)
     T_root_screen = screen_placements(scene.solid, whole)
     _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
     for number, link in enumerate(scene.frames):
@@ -39,10 +39,11 @@ def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styl
         _move_robot(viewer, clips, "nominal", scene.robot, shapes, keys.times, ghost)
     if "screen" in scene.groups:
         place(viewer, clips, "screen", keys.times, T_root_screen)
-        for name, placed in zip(("beam", "nominal_beam"), reversed(scene.placed), strict=False):
-            _move_beams(viewer, clips, f"screen/pose/{name}", scene, placed.beams(keys.q), keys.times)
+        robots = zip(("beam", "nominal_beam"), reversed(scene.placed), (keys.solid, keys.q), strict=False)
+        for name, placed, q in robots:
+            _move_beams(viewer, clips, f"screen/pose/{name}", scene, placed.beams(q), keys.times)
     if "frame" in scene.groups:
-        place(viewer, clips, "frame", keys.times, frame_placements(scene.placed[-1], whole, keys.q))
+        place(viewer, clips, "frame", keys.times, frame_placements(scene.placed[-1], whole, keys.solid))
     for frame, group in scene.groups.items():
         _move_marks(viewer, clips, group, styles[frame], keys)
     return clips

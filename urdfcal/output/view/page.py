@@ -43,7 +43,7 @@ _PREFERRED = 42 * DEG  # neither along the screen, where spots are slim, nor alo
 def page_of(scene: Scene, shapes: Shapes) -> str:
     """The whole scene as one page that needs no network."""
     keys = key_frames(scene)
-    config = {"poses": pose_entries(scene, keys.rows), "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}
+    config = {"poses": pose_entries(scene, keys.rows), "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.solid[0])}
     return filled_template(
         "urdfcal.output.view",
         "view.html.j2",
@@ -72,7 +72,7 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         _draw_screen(tab["screen"], scene)
     if "frame" in scene.groups:
         draw_frame(tab["frame/marks"], scene.groups["frame"], scene.placed[-1].planes)
-    length = _axes_length(shapes.corners(scene.solid, whole_configurations(scene.solid, keys.q[:1])[0]))
+    length = _axes_length(shapes.corners(scene.solid, whole_configurations(scene.solid, keys.solid[:1])[0]))
     for number in range(len(scene.frames)):
         draw_triad([tab[f"frames/{number}/{axis}"] for axis in "xyz"], length, 0.06 * length, seen_through)
     if scene.camera is not None:
@@ -111,7 +111,7 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet, lasers and targets in all."""
     whole = whole_configurations(scene.solid, q[None])
     rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
-    every = whole_configurations(scene.solid, scene.data.q[rows])
+    every = whole_configurations(scene.solid, scene.bent_data.q[rows])
     robot = shapes.corners(scene.solid, whole[0])
     _require_near(scene, robot)
     targets = _targets_in_root(scene, rows, every)
@@ -158,7 +158,7 @@ def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
     if group is None:
         return np.empty((0, 3))
     found = []
-    for T, row in zip(frame_placements(scene.placed[-1], every, scene.data.q[rows]), rows, strict=True):
+    for T, row in zip(frame_placements(scene.placed[-1], every, scene.bent_data.q[rows]), rows, strict=True):
         own = np.array([mark.read[row] for mark in group.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
         near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * group.size
         seen = near.any() or (scene.camera is not None and scene.camera.frame == "frame")

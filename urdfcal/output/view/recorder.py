@@ -96,7 +96,7 @@ class Recorder:
     def packed(self) -> str:
         """All commands, each behind its length in four bytes, compressed, in base64."""
         content = b"".join(len(command).to_bytes(4, "little") + command for command in self._commands)
-        return base64.b64encode(gzip.compress(content, 6, mtime=0)).decode()
+        return base64.b64encode(gzip.compress(content, 5, mtime=0)).decode()
 
     def _renamed(self, data: Any) -> Any:
         """The same with short names for meshcat's uuids, which hold the machine's address and the time: one scene, one page."""

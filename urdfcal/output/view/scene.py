@@ -136,6 +136,8 @@ class Scene:
         data: Joint positions and readings.
         magnify: How many times the arrows of the last robot's errors are longer than the errors; None to choose.
         options: What is said of the instruments.
+        bent: Joint positions at which the calibrated robot stands where the arm does, with what it gives way, (n, inputs), [rad] or [m];
+            None where it is as stiff as its URDF.
     """
 
     robot: Robot
@@ -143,6 +145,7 @@ class Scene:
     data: Measurements
     magnify: float | None = None
     options: ModelOptions | None = None
+    bent: Matrix | None = None
 
     @property
     def solid(self) -> Robot:
@@ -152,8 +155,13 @@ class Scene:
     @cached_property
     def placed(self) -> tuple[Placed, ...]:
         """The nominal robot with its instruments placed, then the calibrated one."""
-        robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
-        return tuple(placed_robot(robot, self.data, self.options) for robot in robots)
+        robots = [(self.robot, self.data)] if self.calibrated is None else [(self.robot, self.data), (self.calibrated, self.bent_data)]
+        return tuple(placed_robot(robot, data, self.options) for robot, data in robots)
+
+    @property
+    def bent_data(self) -> Measurements:
+        """What was measured at the joint positions of the robot that is drawn solid."""
+        return self.data if self.bent is None else replace(self.data, q=self.bent)
 
     @cached_property
     def frames(self) -> tuple[str, ...]:
@@ -217,7 +225,7 @@ class Scene:
     @cached_property
     def after(self) -> Beams | None:
         """Those of the calibrated robot."""
-        return None if self.calibrated is None else self.placed[1].beams(self.data.q)
+        return None if self.calibrated is None else self.placed[1].beams(self.bent_data.q)
 
     @property
     def shown(self) -> Beams:

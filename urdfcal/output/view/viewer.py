@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.base.geometry import Matrix
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.options import ModelOptions
@@ -33,6 +35,9 @@ from urdfcal.sensors.measurements import (
     require_screen_of_camera,
     unreached_words,
 )
+
+if TYPE_CHECKING:
+    from urdfcal.calibration.analysis.compensation import Compensation
 
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
@@ -83,6 +88,8 @@ def view_of(
     calibrated: Robot | None = None,
     magnify: float | None = None,
     options: ModelOptions | None = None,
+    compensation: Compensation | None = None,
+    session: str | None = None,
 ) -> View:
     """Put robot, beams, screen, spots and targets into a scene.
 
@@ -92,14 +99,20 @@ def view_of(
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
         options: Of which only what concerns the instruments matters, as for `evaluate`.
+        compensation: How the calibrated robot gives way, of whose joint fit it is.
+        session: Which session's measurements are shown; by default the first one's, or those of all where that can be.
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
-        UsageError: the magnification is not above zero, or targets cannot be placed.
+        UsageError: the magnification is not above zero, targets cannot be placed, or there is no such session.
     """
     if magnify is not None and not 0 < magnify < np.inf:
         raise UsageError(f"the magnification must be above zero, found {magnify:g}")
     said: list[str] = []
+    if compensation is not None:
+        calibrated = calibrated or compensation.robot
+    if data is None and session is not None:
+        raise UsageError(f"session '{session}': there are no measurements that it could be of")
     if data is not None:
         data = _drawable(data)
         robot, calibrated = as_measured(robot, data), as_measured(calibrated, data) if calibrated is not None else None
@@ -107,15 +120,55 @@ def view_of(
         robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
-    if len(rows.session_names) > 1 and (calibrated is not None or not rows.only_spots):
-        first = rows.session_names[0]
-        left_out = int(np.count_nonzero(rows.sessions != first))
-        rows = rows.subset(rows.sessions == first)
-        whose = "the calibrated robot has the screen" if rows.only_spots else "the scene has the measuring frame"
-        said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
-    scene = Scene(robot, calibrated, rows, magnify, options)
+    if len(rows.session_names) > 1 and (session is not None or calibrated is not None or not rows.only_spots):
+        rows, words = _of_session(rows, session)
+        said.append(words)
+    elif session is not None:
+        rows, _ = _of_session(rows, session)
+    if calibrated is not None and data is not None and calibrated.chain.screen_joint and _has_another_screen(rows, data):
+        calibrated = _before_its_screen(calibrated, rows)
+        said.append(f"the screen of session '{rows.session_names[0]}' stands where it suits the calibrated robot best")
+    bent = None if compensation is None else _bent(compensation, rows)
+    scene = Scene(robot, calibrated, rows, magnify, options, bent)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
+
+
+def _of_session(rows: Measurements, session: str | None) -> tuple[Measurements, str]:
+    """The rows of a session, or of the first, and what is said of the others."""
+    names = rows.session_names or ("",)
+    if session is not None and session not in names:
+        raise UsageError(f"session '{session}': the measurements have {', '.join(map(repr, names))}")
+    shown = names[0] if session is None else session
+    others = [f"'{name}'" for name in names if name != shown]
+    words = f"of the sessions '{shown}' is shown; --session shows another one: {', '.join(others)}"
+    return rows.subset(rows.sessions == shown), words
+
+
+def _has_another_screen(rows: Measurements, every: Measurements) -> bool:
+    """Whether these are spots of a session other than the first, whose screen a calibrated robot has."""
+    return rows.only_spots and len(every.session_names) > 1 and rows.session_names[0] != every.session_names[0]
+
+
+def _before_its_screen(robot: Robot, rows: Measurements) -> Robot:
+    """The same robot with the screen where these spots have it."""
+    from urdfcal.calibration.fitting import fit
+    from urdfcal.output.stored import corrected_robot
+
+    own = replace(rows, sessions=np.full(len(rows), ""))
+    found = fit(robot, own, options=ModelOptions(estimate=("screen",), only=(f"{robot.rig.base}.*",)))
+    return corrected_robot(robot, {name: each.corrected for name, each in found.corrections.items()})
+
+
+def _bent(compensation: Compensation, rows: Measurements) -> Matrix:
+    """Where the calibrated robot stands with what it gives way, (n, inputs)."""
+    if set(compensation.joints) != set(rows.joints):
+        raise ShapeMismatch(f"the compensation is of {', '.join(compensation.joints)}; the measurements are of {', '.join(rows.joints)}")
+    order = [rows.joints.index(joint) for joint in compensation.joints]
+    approach = None if rows.approach is None else rows.approach[:, order]
+    bent = rows.q.copy()
+    bent[:, order] = compensation.corrected_configuration(rows.q[:, order], rows.payload, approach)
+    return bent
 
 
 def _to_its_tip(robot: Robot) -> Robot:

@@ -48,7 +48,8 @@ def drawn(path: Path, sighting: Sighting, labels: Mapping[str, PixelSpot]) -> by
         _write(picture, refused.reason, refused.centre[0] + 8, refused.centre[1] + 4, _REFUSED, _SMALL)
     for spot, laser in spots:
         _ring(picture, spot, laser)
-    image = _stacked([picture, _row(below, picture.shape[1]), _legend(sighting, picture.shape[1])])
+    legend = _legend(sighting, picture.shape[1])
+    image = _stacked([picture, _row(below, legend.shape[1]), legend])
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1])
 
 
