@@ -19,7 +19,7 @@ Faces = npt.NDArray[np.intp]
 
 FINEST, COARSEST = 1024, 24  # cells along the longest side of a mesh
 _LEAST_OF_A_PART = 12  # cells along the longest side of a part of it, however small that is
-_STEP = 0.97  # a little fewer cells than the count of triangles asks for
+_HALVINGS = 7  # of the range of cells, while the finest grid that fits is looked for: to 3 %
 _BITS = 20  # of a key for the cell along each axis
 
 
@@ -62,13 +62,17 @@ def thinned(parts: Sequence[Part], cells: float) -> list[Thinned]:
 
 def cells_for(meshes: Sequence[tuple[Sequence[Part], int]], most: int) -> float:
     """The finest grid that leaves no more than so many triangles of all meshes, each of which is shown some times."""
-    cells = float(FINEST)
-    while cells > COARSEST:
-        count = sum(times * count_thinned(parts, cells) for parts, times in meshes)
-        if count <= most:
-            break
-        cells *= _STEP * np.sqrt(most / count)
-    return max(cells, float(COARSEST))
+
+    def fits(cells: float) -> bool:
+        return sum(times * count_thinned(parts, cells) for parts, times in meshes) <= most
+
+    if fits(FINEST):
+        return float(FINEST)
+    low, high = float(COARSEST), float(FINEST)
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low
 
 
 def _thinned(part: Part, size: float) -> Thinned:
