@@ -10,7 +10,8 @@ from tempfile import TemporaryDirectory
 
 from lxml import etree
 
-from urdfcal.output.view.lighter import MeshFile, mesh_file
+from urdfcal.output.view.light_file import MeshFile
+from urdfcal.output.view.lighter import mesh_file
 from urdfcal.output.view.thinning import cells_for
 
 MOST_TRIANGLES = 80_000  # of all shapes of a robot; a page has some 25 bytes for each

@@ -16,10 +16,10 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.files import write_whole
-from urdfcal.base.geometry import Matrix
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.options import ModelOptions
+from urdfcal.output.view.rows import before_its_screen, bent_positions, has_another_screen, of_session
 from urdfcal.output.view.scene import Scene
 from urdfcal.output.view.server import PageServer
 from urdfcal.output.view.shapes import Shapes, robot_shapes
@@ -120,55 +120,15 @@ def view_of(
         robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
-    if len(rows.session_names) > 1 and (session is not None or calibrated is not None or not rows.only_spots):
-        rows, words = _of_session(rows, session)
-        said.append(words)
-    elif session is not None:
-        rows, _ = _of_session(rows, session)
-    if calibrated is not None and data is not None and calibrated.chain.screen_joint and _has_another_screen(rows, data):
-        calibrated = _before_its_screen(calibrated, rows)
+    rows, words = of_session(rows, session, together=calibrated is None and rows.only_spots)
+    said += words
+    if calibrated is not None and data is not None and has_another_screen(calibrated, rows, data):
+        calibrated = before_its_screen(calibrated, rows)
         said.append(f"the screen of session '{rows.session_names[0]}' stands where it suits the calibrated robot best")
-    bent = None if compensation is None else _bent(compensation, rows)
+    bent = None if compensation is None else bent_positions(compensation, rows)
     scene = Scene(robot, calibrated, rows, magnify, options, bent)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
-
-
-def _of_session(rows: Measurements, session: str | None) -> tuple[Measurements, str]:
-    """The rows of a session, or of the first, and what is said of the others."""
-    names = rows.session_names or ("",)
-    if session is not None and session not in names:
-        raise UsageError(f"session '{session}': the measurements have {', '.join(map(repr, names))}")
-    shown = names[0] if session is None else session
-    others = [f"'{name}'" for name in names if name != shown]
-    words = f"of the sessions '{shown}' is shown; --session shows another one: {', '.join(others)}"
-    return rows.subset(rows.sessions == shown), words
-
-
-def _has_another_screen(rows: Measurements, every: Measurements) -> bool:
-    """Whether these are spots of a session other than the first, whose screen a calibrated robot has."""
-    return rows.only_spots and len(every.session_names) > 1 and rows.session_names[0] != every.session_names[0]
-
-
-def _before_its_screen(robot: Robot, rows: Measurements) -> Robot:
-    """The same robot with the screen where these spots have it."""
-    from urdfcal.calibration.fitting import fit
-    from urdfcal.output.stored import corrected_robot
-
-    own = replace(rows, sessions=np.full(len(rows), ""))
-    found = fit(robot, own, options=ModelOptions(estimate=("screen",), only=(f"{robot.rig.base}.*",)))
-    return corrected_robot(robot, {name: each.corrected for name, each in found.corrections.items()})
-
-
-def _bent(compensation: Compensation, rows: Measurements) -> Matrix:
-    """Where the calibrated robot stands with what it gives way, (n, inputs)."""
-    if set(compensation.joints) != set(rows.joints):
-        raise ShapeMismatch(f"the compensation is of {', '.join(compensation.joints)}; the measurements are of {', '.join(rows.joints)}")
-    order = [rows.joints.index(joint) for joint in compensation.joints]
-    approach = None if rows.approach is None else rows.approach[:, order]
-    bent = rows.q.copy()
-    bent[:, order] = compensation.corrected_configuration(rows.q[:, order], rows.payload, approach)
-    return bent
 
 
 def _to_its_tip(robot: Robot) -> Robot:
