@@ -128,13 +128,17 @@ def _branch_rows(chain: Chain, branch: list[UrdfJoint], hayati: bool) -> list[Dh
     rows = [_row(name, axes[k], axes[k + 1], normals[k], x_axes[k + 1], tilted[k]) for k, name in enumerate(names)]
     rows = [replace(row, slide=0.0) for row in rows[:turning]] + rows[turning:]  # a joint's D-H origin is the foot of its normal
     for slide in reversed(slides):
-        rows.insert(slide.behind - 1, _slide_row(slide, axes[slide.behind - 1].z, x_axes[slide.behind - 1]))
+        at = slide.behind - 1
+        rows.insert(at, _slide_row(slide, axes[at].z, x_axes[at::-1]))
     return rows
 
 
-def _slide_row(slide: _Slide, z: Vector, x: Vector) -> DhRow:
-    """The line of a sliding joint behind an axis z, from which the next line starts along x."""
-    across = _across(x, z)
+def _slide_row(slide: _Slide, z: Vector, x_axes: list[Vector]) -> DhRow:
+    """The line of a sliding joint behind an axis z, from which the next line starts along the first x that is not along z.
+
+    Where no line follows and the joint's own x is along z, theta is zero: x stays that of the line before.
+    """
+    across = next(across for across in (_across(x, z) for x in x_axes) if np.any(across))
     across = across / np.linalg.norm(across)
     direction = np.stack([across, cross(z, across), z]) @ slide.direction
     zeros = dict.fromkeys(("a", "d", "alpha", "beta", "theta", "slide"), 0.0)
