@@ -126,7 +126,6 @@ ASKS_BY_NAME = {
     "urdfcal.cli.inputs": "--spot-sigma-mm is the spots' own",
     "urdfcal.vision.bench.beams": "columns of a bench are in mm or m",
     "urdfcal.output.view.screen": "a node of the scene is called so",
-    "urdfcal.output.view.legend": "figures in mm need no unit",
     "urdfcal.output.view.key_frames": "figures in mm go first",
 }
 

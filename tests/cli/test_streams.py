@@ -106,7 +106,7 @@ def test_libraries_speak_through_us(quiet: bool, run_cli: Run, monkeypatch: pyte
     """What native code writes to stderr, and NumPy warns of, is a warning of ours after a command that went well, each once."""
     from urdfcal.model import dh
 
-    table = dh.dh_table
+    table = dh.table_with_slides
 
     def loud(*given: object) -> object:
         os.write(2, b"libpng warning: \x1b[31miCCP\n" * 3)
@@ -115,7 +115,7 @@ def test_libraries_speak_through_us(quiet: bool, run_cli: Run, monkeypatch: pyte
             warnings.warn("overflow encountered in matmul", RuntimeWarning, stacklevel=1)
         return table(*given)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(dh, "dh_table", loud)
+    monkeypatch.setattr(dh, "table_with_slides", loud)
     run = run_cli("dh", ROBOTS_DIR / "arm7" / "arm7.urdf.xacro", *(["-q"] if quiet else []))
     expected = [
         "urdfcal: warning: a library says: RuntimeWarning: overflow encountered in matmul",

@@ -9,8 +9,10 @@ import pinocchio as pin
 import pytest
 
 from tests.support.helpers import ROBOTS, assert_poses_close
+from tests.support.small_robot import robot_of
 from urdfcal.base.geometry import pose
-from urdfcal.model.dh import DhRow, dh_table
+from urdfcal.model.dh import DhRow, dh_table, table_with_slides
+from urdfcal.robot.rig import SIX, Instruments, Target
 from urdfcal.robot.robot import Robot, load_robot
 
 TABLE_I = {
@@ -83,6 +85,40 @@ def module_pose(robot: Robot, q: np.ndarray) -> pin.SE3:
     pin.framesForwardKinematics(model, data, full)
     base = robot.chain.moving[0].joint.parent
     return data.oMf[model.getFrameId(base)].actInv(data.oMf[model.getFrameId(robot.rig.tip)])
+
+
+@pytest.mark.parametrize("hayati", [False, True], ids=["dh", "hayati"])
+@pytest.mark.parametrize("place", ["first", "between", "last"])
+def test_joints_that_slide_have_their_place_in_the_table(place: str, hayati: bool, rng: np.random.Generator) -> None:
+    """The product of the rows with Rot(z, q) and Trans(direction q) moves as Pinocchio's model of a robot with slides anywhere."""
+    kinds = {"first": ("prismatic", "revolute", "revolute"), "between": ("revolute", "prismatic", "revolute")}
+    order = kinds.get(place, ("revolute", "revolute", "prismatic"))
+    joints = ""
+    for number, kind in enumerate(order):
+        xyz, rpy, axis = (" ".join(map(str, rng.uniform(-1, 1, 3))) for _ in range(3))
+        joints += (
+            f'<joint name="j{number}" type="{kind}"><parent link="l{number}"/><child link="l{number + 1}"/>'
+            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        )
+    links = "".join(f'<link name="l{number}"/>' for number in range(len(order) + 1))
+    tip = Instruments((Target("l3", "l3", SIX),), "", True)
+    robot = robot_of(f'<robot name="slides">{links}{joints}</robot>').seen_by(tip, ())
+    rows = table_with_slides(robot.chain, hayati)
+    assert [row.name for row in rows[:3]] == ["j0", "j1", "j2"]
+    assert [row.name for row in dh_table(robot.chain, hayati)] == [row.name for row in rows if row.direction is None]
+    motions = []
+    for _ in range(3):
+        q = rng.uniform(-1, 1, 3)
+        table, data = pin.SE3.Identity(), robot.model.createData()
+        for row, value in zip(rows, [*q, 0.0], strict=False):
+            turned = pin.SE3(pin.exp3(np.array([0.0, 0.0, value])), np.zeros(3))
+            table = table * transform(row) * (turned if row.direction is None else pin.SE3(np.eye(3), value * row.direction))
+        pin.framesForwardKinematics(robot.model, data, q)
+        motions.append((table, data.oMf[robot.model.getFrameId("l3")].copy()))
+    (first, true), *others = motions
+    base = true * first.inverse()  # the first frame's x is the table's own
+    for table, moved in others:
+        assert_poses_close(base * table, moved, mm=1e-7, mrad=1e-7)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -20,7 +20,8 @@ from tests.support.small_robot import URDF, joint, robot_of
 from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import UR_JOINTS, origins_yaml, ur_joints, ur_yaml
-from urdfcal.output.formats import Deployed, deployment, stem_of
+from urdfcal.output.endings import stem_of
+from urdfcal.output.formats import Deployed, deployment
 from urdfcal.output.joint_offsets import joint_offset, joint_offsets, offset_loss
 from urdfcal.robot.configurations import random_configurations
 from urdfcal.robot.robot import Robot, load_robot, robot_from

@@ -184,7 +184,7 @@ BROKEN = {
     "<xacro:nope/>": "unknown macro name: xacro:nope",
     '<xacro:include filename="nope.xacro"/>': r"the included file .*nope\.xacro cannot be read: No such file",
     '<xacro:include filename="$(find nope)/a.xacro"/>': r"package 'nope' was not found; .*--package-dir",
-    '<xacro:include filename="package:///etc/passwd"/>': "'' is no name of a package",
+    '<xacro:include filename="package:///etc/passwd"/>': "package 'etc' was not found",
     '<link name="${1/0}"/>': "division by zero",
     '<link name="${nope}"/>': "name 'nope' is not defined",
     '<xacro:property name="a" value="${a}"/><link name="${a}"/>': "circular variable definition: a -> a",

@@ -151,7 +151,8 @@ def test_only_names_are_looked_for(tmp_path: Path, name: str) -> None:
 
 
 def test_uris_become_paths(tmp_path: Path) -> None:
-    """package://pkg/path lies in the package; anything else stays as it is."""
+    """package://pkg/path lies in the package, also with the third slash that some write; anything else stays as it is."""
     place = package(tmp_path, "arm_description")
-    assert resolve_uri("package://arm_description/urdf/a.xacro", [tmp_path]) == str(place / "urdf" / "a.xacro")
+    for uri in ("package://arm_description/urdf/a.xacro", "package:///arm_description/urdf/a.xacro"):
+        assert resolve_uri(uri, [tmp_path]) == str(place / "urdf" / "a.xacro")
     assert resolve_uri("urdf/a.xacro", [tmp_path]) == "urdf/a.xacro"

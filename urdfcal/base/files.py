@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ from urdfcal.base.errors import InputError
 from urdfcal.base.reading import YAML, content_of
 from urdfcal.base.whole_files import require_writable, write_together, write_whole
 
-__all__ = ["YamlFile", "read_yaml", "require_writable", "write_together", "write_whole"]
+__all__ = ["YamlFile", "read_yaml", "require_writable", "sha256", "write_together", "write_whole"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:
     except NotPlain as trouble:
         raise error(str(trouble), path, trouble.line) from None
     return YamlFile(path, plain(tree), tree, start)
+
+
+def sha256(content: bytes) -> str:
+    """Hash of some bytes, in hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
 
 
 def _text(path: Path, error: type[InputError]) -> str:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import Matrix, Vector, distance_mm_mrad
-from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.slots import Slot
 from urdfcal.robot.corrections import same_origin
 from urdfcal.robot.robot import Robot
+
+if TYPE_CHECKING:
+    from urdfcal.calibration.result import FitResult
 
 
 def joints_of(found: FitResult) -> EarlierJoints:

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from urdfcal.base.errors import UsageError, no_such
+from urdfcal.base.files import sha256
 from urdfcal.base.version import __version__
 from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
 from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
 from urdfcal.model.softness import EXTRAS
-from urdfcal.output.calibration_yaml import sha256
-from urdfcal.output.formats import ENDINGS, Deployment, deployment
+from urdfcal.output.endings import ENDINGS
+from urdfcal.output.formats import Deployment, deployment
 from urdfcal.output.pairs import CORRECTED, written_with
 from urdfcal.output.replaced import require_earlier, require_marked
 from urdfcal.output.report.files import report_bytes, require_report_ending

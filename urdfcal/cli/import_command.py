@@ -72,10 +72,11 @@ def import_(
     quiet: Quiet = False,
 ) -> None:
     """Take a calibration that somebody else made, such as the maker's own, in as one of ours: for apply, compare and fit --after."""
+    from urdfcal.base.files import sha256
     from urdfcal.base.geometry import distance_mm_mrad
     from urdfcal.base.terminal import rounded
     from urdfcal.model.options import parse_prior
-    from urdfcal.output.calibration_yaml import imported_yaml, sha256
+    from urdfcal.output.calibration_yaml import imported_yaml
     from urdfcal.output.imported import assumed_joints, corrections_to
     from urdfcal.output.replaced import require_marked
 

@@ -192,10 +192,9 @@ def dh(
     verbose: Verbose = False,
 ) -> None:
     """Print the D-H table derived from the URDF, and what is carried by screen and mount."""
-    from urdfcal.model.dh import dh_table
+    from urdfcal.model.dh import table_with_slides
     from urdfcal.model.gauge import build_error_model
-    from urdfcal.output.stored import corrected_robot
-    from urdfcal.output.text.result import carried_lines, dh_block, dh_json
+    from urdfcal.output.text.dh import carried_lines, dh_block, dh_json
     from urdfcal.robot.rig import SIX, Instruments
     from urdfcal.robot.rig import Target as InstrumentTarget
 
@@ -206,11 +205,13 @@ def dh(
         label = f"{tip}:tip" if tip in arm.tree.joints else tip  # a joint of that name has parameters of its own
         arm = arm.seen_by(Instruments((InstrumentTarget(label, tip, SIX),), reference or "", True), ())
     say(verbose, about(arm))
-    rows, corrected = dh_table(arm.chain, hayati), None
+    rows, corrected = table_with_slides(arm.chain, hayati), None
     if calibration is not None:
+        from urdfcal.output.stored import corrected_robot
+
         origins, missing = stored_calibration(calibration).origins_for(arm)
         warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
-        corrected = dh_table(corrected_robot(arm, origins).chain, hayati)
+        corrected = table_with_slides(corrected_robot(arm, origins).chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried
     machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
     heading = "left out of the automatic error model, since no measurement could tell them from others:"

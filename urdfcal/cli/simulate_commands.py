@@ -201,10 +201,11 @@ def simulate(
 
     import numpy as np
 
+    from urdfcal.base.files import sha256
     from urdfcal.base.terminal import many
     from urdfcal.calibration.reach import drawn_in_view, screen_area
     from urdfcal.model.parameters import INSTRUMENTS
-    from urdfcal.output.calibration_yaml import sha256, truth_yaml
+    from urdfcal.output.calibration_yaml import truth_yaml
     from urdfcal.output.replaced import require_marked
     from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection

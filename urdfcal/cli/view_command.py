@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from urdfcal.base.errors import UsageError
+from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, load, measured, rig_file_of, stored_calibration
 from urdfcal.cli.options import (
@@ -33,6 +33,7 @@ from urdfcal.cli.options import (
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
+    from urdfcal.calibration.analysis.compensation import Compensation
     from urdfcal.output.view.viewer import View
     from urdfcal.robot.robot import Robot
 
@@ -53,8 +54,14 @@ def view(
     calibrated: Annotated[
         Path | None,
         typer.Option(
-            metavar="URDF|YAML", help="The calibrated robot, or the calibration to put on ROBOT. Default: ROBOT alone.", show_default=False
+            metavar="URDF|YAML",
+            help="The calibrated robot, the calibration to put on ROBOT, or a compensation: the robot as it sags. Default: ROBOT alone.",
+            show_default=False,
         ),
+    ] = None,
+    session: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Which session's measurements to show. Default: the first, or all.", show_default=False),
     ] = None,
     html: Annotated[
         Path | None,
@@ -124,8 +131,10 @@ def view(
             require_marked(html, ('id="urdfcal-scene"',), "page of urdfcal view")
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
-    other = None if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
-    seen = view_of(arm, data, other, magnify, rig_file.options())
+    other, bending = (None, None) if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
+    if session is not None and measurements is None:
+        raise UsageError(f"--session {session}: name the measurements that it is of")
+    seen = view_of(arm, data, other, magnify, rig_file.options(), bending, session)
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
@@ -137,15 +146,23 @@ def view(
     finish({"html": str(html), "bytes": size} if as_json else None, f"wrote {html} ({size / 1e6:.1f} MB)", quiet)
 
 
-def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> Robot:
+def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> tuple[Robot, Compensation | None]:
+    """The calibrated robot, and how it gives way where that was named."""
+    from urdfcal.base.files import read_yaml
     from urdfcal.output.stored import corrected_robot
 
     if path.suffix.lower() not in (".yaml", ".yml"):
-        return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None)
+        return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None), None
+    content = read_yaml(path, CalibrationFileError).content
+    if isinstance(content, dict) and content.get("urdfcal") == "compensation":
+        from urdfcal.calibration.analysis.compensation import load_compensation
+
+        bending = load_compensation(path, package_dir or ())
+        return bending.robot, bending
     origins, missing = stored_calibration(path).origins_for(arm)
     if missing:
         warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    return corrected_robot(arm, origins)
+    return corrected_robot(arm, origins), None
 
 
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:

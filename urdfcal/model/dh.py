@@ -43,6 +43,8 @@ class DhRow:
         screws: Unit screw of each of d_a, d_b, d_d, d_alpha, d_beta, d_theta, (6,), in the joint's placement frame; d_b is the shift
             along y that (2) does not have.
         behind_slide: Whether a sliding joint stands between this axis and the one before it.
+        direction: Of a sliding joint: where it slides to, (3,), in the frame where the row before ends; its other numbers are zero. None
+            of all others.
     """
 
     name: str
@@ -55,6 +57,16 @@ class DhRow:
     parallel: bool
     behind_slide: bool
     screws: dict[str, Vector]
+    direction: Vector | None = None
+
+
+@dataclass(frozen=True)
+class _Slide:
+    """A sliding joint: how many axes stand before it, and where it slides to, (3,), in the axes of the link that the branch hangs on."""
+
+    name: str
+    behind: int
+    direction: Vector
 
 
 @dataclass(frozen=True)
@@ -89,6 +101,14 @@ def dh_table(chain: Chain, hayati: bool = False) -> list[DhRow]:
     Returns:
         One line a turning joint; a last one for the module if its branch moves.
     """
+    return [row for row in table_with_slides(chain, hayati) if row.direction is None]
+
+
+def table_with_slides(chain: Chain, hayati: bool = False) -> list[DhRow]:
+    """The same table with a line for every sliding joint, too, where it stands on the way.
+
+    The product of all lines, each turning joint's with Rot(z, q) and each sliding one's with Trans(direction q) behind it, is the robot.
+    """
     rows: list[DhRow] = []
     for branch in chain.branches():
         rows += _branch_rows(chain, branch, hayati)
@@ -96,7 +116,7 @@ def dh_table(chain: Chain, hayati: bool = False) -> list[DhRow]:
 
 
 def _branch_rows(chain: Chain, branch: list[UrdfJoint], hayati: bool) -> list[DhRow]:
-    axes, names = _axes_at_zero(chain, branch)
+    axes, names, slides = _axes_at_zero(chain, branch)
     turning = sum(joint.moves and not joint.prismatic for joint in branch)
     tilted = [hayati] * turning + [True] * (len(names) - turning)  # a module nearly parallel to the last axis has no useful normal either
     normals: list[_Normal] = []
@@ -104,31 +124,48 @@ def _branch_rows(chain: Chain, branch: list[UrdfJoint], hayati: bool) -> list[Dh
         normal = _normal(axes[index], axes[index + 1], tilts)
         normals.append(normal)
         axes[index + 1] = replace(axes[index + 1], point=normal.foot)
-    rows = []
-    for index, normal in enumerate(normals):
-        x_after = normals[index + 1].x if index + 1 < len(normals) else axes[-1].frame.rotation[:, 0]
-        rows.append(_row(names[index], axes[index], axes[index + 1], normal, x_after, tilted[index]))
-    return [replace(row, slide=0.0) for row in rows[:turning]] + rows[turning:]  # a joint's D-H origin is the foot of its normal
+    x_axes = [*(normal.x for normal in normals), axes[-1].frame.rotation[:, 0]]  # where each line begins, and the last one ends
+    rows = [_row(name, axes[k], axes[k + 1], normals[k], x_axes[k + 1], tilted[k]) for k, name in enumerate(names)]
+    rows = [replace(row, slide=0.0) for row in rows[:turning]] + rows[turning:]  # a joint's D-H origin is the foot of its normal
+    for slide in reversed(slides):
+        at = slide.behind - 1
+        rows.insert(at, _slide_row(slide, axes[at].z, x_axes[at::-1]))
+    return rows
 
 
-def _axes_at_zero(chain: Chain, branch: list[UrdfJoint]) -> tuple[list[_Axis], list[str]]:
-    """The z axis of the link that the branch hangs on, its turning joints and, on the module's side, the module's z."""
+def _slide_row(slide: _Slide, z: Vector, x_axes: list[Vector]) -> DhRow:
+    """The line of a sliding joint behind an axis z, from which the next line starts along the first x that is not along z.
+
+    Where no line follows and the joint's own x is along z, theta is zero: x stays that of the line before.
+    """
+    across = next(across for across in (_across(x, z) for x in x_axes) if np.any(across))
+    across = across / np.linalg.norm(across)
+    direction = np.stack([across, cross(z, across), z]) @ slide.direction
+    zeros = dict.fromkeys(("a", "d", "alpha", "beta", "theta", "slide"), 0.0)
+    return DhRow(slide.name, **zeros, parallel=False, behind_slide=False, screws={}, direction=np.round(direction, 15) + 0.0)
+
+
+def _axes_at_zero(chain: Chain, branch: list[UrdfJoint]) -> tuple[list[_Axis], list[str], list[_Slide]]:
+    """The z axis of the link that the branch hangs on, its turning joints and, on the module's side, the module's z; its slides beside."""
     way = {step.joint.name: step for step in chain.steps}
     forward = way[branch[0].name].forward
     ordered = [step.joint for step in (chain.steps if forward else chain.steps[::-1]) if step.forward == forward]
     ordered = ordered[ordered.index(branch[0]) :]  # fixed joints before the first moving one do not count
     frame = pin.SE3.Identity()
     axes, names, slid = [_Axis(frame, frame.rotation[:, 2], frame.translation)], [], False
+    slides: list[_Slide] = []
     for joint in ordered:
         frame = frame * joint.origin
         if joint.moves and not joint.prismatic:
             axes.append(_Axis(frame, frame.rotation @ np.array(joint.axis), frame.translation, slid))
             names.append(joint.name)
+        elif joint.moves:
+            slides.append(_Slide(joint.name, len(axes), frame.rotation @ np.array(joint.axis)))
         slid = joint.prismatic or (slid and not joint.moves)
     if forward:
         axes.append(_Axis(frame, frame.rotation[:, 2], frame.translation))
         names.append(ordered[-1].child)
-    return axes, names
+    return axes, names, slides
 
 
 def _normal(before: _Axis, after: _Axis, hayati: bool) -> _Normal:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from urdfcal.base.files import sha256
 from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.base.version import __version__
-from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.known_joints import joints_of
-from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.output.text.instruments import noise_in_common
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
+
+if TYPE_CHECKING:  # what a fit is takes long to import, and reading and replacing files wants none
+    from urdfcal.calibration.error_table import SpotTable
+    from urdfcal.calibration.result import FitResult
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str], files: Mapping[str, str] | None = None) -> bytes:
@@ -150,11 +152,6 @@ def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]
         }
         for name, correction in corrections.items()
     }
-
-
-def sha256(content: bytes) -> str:
-    """Hash of some bytes, in hexadecimal."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def _provenance(robot: Robot, command: Sequence[str], rig: bool = True) -> dict[str, Any]:

@@ -12,12 +12,12 @@ import numpy as np
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
+from urdfcal.output.endings import ENDINGS, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
-ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _FOREIGN = {"urdf": (".yaml", ".yml", *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
@@ -88,14 +88,6 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
     if len(set(places.values())) < len(places):
         raise UsageError(f"{output}: two formats would be written to this file; name another with -o")
     return Deployment(places, None if ur_hash_from is None else read_ur_file(ur_hash_from))
-
-
-def stem_of(path: Path) -> str:
-    """A file's name without the endings that urdfcal gives: `arm` for `arm_calibrated.urdf`, `arm.urdf` and `arm_offsets.yaml`."""
-    for ending in ENDINGS.values():
-        if path.name.endswith(ending) and path.name != ending:
-            return path.name.removesuffix(ending)
-    return path.stem if path.suffix in (".urdf", ".yaml", ".yml") else path.name
 
 
 def _meant(wanted: Sequence[str], output: Path) -> str:

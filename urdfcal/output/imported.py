@@ -117,7 +117,7 @@ def dh_origins(path: Path, robot: Robot, tip: str, convention: Convention) -> di
     label = f"{tip}:tip" if tip in robot.tree.joints else tip
     chain = robot.seen_by(Instruments((Target(label, tip, SIX),), "", True), ()).chain
     last, joints = chain.steps[-1].joint, robot.tree.joints
-    rows = [row for row in dh_table(chain) if row.name in joints or last.rigid]
+    rows = [row for row in dh_table(chain) if row.direction is None and (row.name in joints or last.rigid)]
     errors = _errors(read_table(path, "joint", "D-H errors of joints"), rows, convention)
     carriers = {row.name: row.name if row.name in joints else last.name for row in rows}
     return {

@@ -15,7 +15,7 @@ from typing import Any
 from urdfcal.base.errors import CalibrationFileError, MixedFilesWarning
 from urdfcal.base.files import read_yaml
 from urdfcal.base.opened import unnoted
-from urdfcal.output.formats import stem_of
+from urdfcal.output.endings import stem_of
 
 CORRECTED = "calibration_sha256"  # entry of a camera's file that a fit has written: the hash of its record
 _CAMERA = "_camera.yaml"

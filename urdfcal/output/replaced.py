@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
-from urdfcal.base.files import read_yaml
+from urdfcal.base.files import read_yaml, sha256
 from urdfcal.base.opened import unnoted
-from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.pairs import hashes_in, holds, same_place
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements

@@ -52,10 +52,16 @@ def own_package() -> Path:
 
 def resolve_uri(uri: str, package_dirs: Sequence[str | Path] = ()) -> str:
     """A `package://pkg/path` as a path of this machine; anything else is given back as it is."""
+    package, rest = package_of(uri)
+    return str(find_package(package, package_dirs) / rest) if uri.startswith("package://") else uri
+
+
+def package_of(uri: str) -> tuple[str, str]:
+    """The package of a `package://pkg/path`, which some write with a slash more, and the path in it; nothing where there is none."""
     if not uri.startswith("package://"):
-        return uri
-    package, _, rest = uri.removeprefix("package://").partition("/")
-    return str(find_package(package, package_dirs) / rest)
+        return "", ""
+    package, _, rest = uri.removeprefix("package://").lstrip("/").partition("/")
+    return package, rest
 
 
 def is_at_home(path: Path, description: Path, package_dirs: Sequence[str | Path] = (), package: str = "") -> bool:

@@ -46,6 +46,7 @@ LEGEND_WIDTH = 330
 LEGEND = {  # words of the legend, and the box that belongs to them
     "sheet": "screen/sheet",
     "robot": "solid",
+    "frames": "frames/0",
     "ghost": "nominal",
     "nominal beams": "screen/pose/nominal_beam_1",
     "beams": "screen/pose/beam_1",
@@ -302,7 +303,7 @@ def test_the_animation_goes_from_pose_to_pose(browser: Browser, arm7_page: Path,
 
 
 def test_a_pose_can_be_chosen_by_its_label(browser: Browser, robots: dict[str, Robot], tmp_path: Path) -> None:
-    """In the panel, in meshcat's own controls and in the address."""
+    """In the panel and in the address; it plays from there, and meshcat's own controls stay folded beside it."""
     data, corrected = measured(robots["arm4"], 5)
     labels = ["home", "left & low", "right", "far", "near"]
     view_of(robots["arm4"], replace(data, poses=np.array(labels)), corrected).write_html(tmp_path / "arm4.html")
@@ -310,9 +311,14 @@ def test_a_pose_can_be_chosen_by_its_label(browser: Browser, robots: dict[str, R
     chosen = "document.getElementById('pose').value"
     assert browser.run(chosen) == "right"
     browser.run("document.getElementById('next').click()")
-    assert (browser.run(chosen), browser.run("config.own.getValue()")) == ("far", "far")
-    browser.run("config.own.setValue('left & low'); 0")
-    assert browser.run(chosen) == "left & low"
+    assert browser.run(chosen) == "far"
+    browser.run("document.getElementById('play').click()")
+    assert browser.run("document.getElementById('play').textContent") == "Pause"
+    browser.wait_for(f"{chosen} === 'near'")
+    browser.run("document.getElementById('play').click()")
+    assert browser.run("document.getElementById('play').textContent") == "Play"
+    assert browser.run("[viewer.gui.closed, document.querySelectorAll('#panel select').length]") == [True, 1]
+    assert "far" not in browser.run("viewer.gui.domElement.textContent")
     assert complaints(browser) == []
 
 
@@ -326,17 +332,17 @@ EVIL = [
 
 @pytest.mark.parametrize("sensor", ["spots", "point"])
 def test_labels_of_poses_are_text(browser: Browser, robots: dict[str, Robot], sensor: str, tmp_path: Path) -> None:
-    """Of lasers and trackers: one that is written like an element of HTML is shown as it is, in the panel and meshcat's own controls."""
+    """Of lasers and trackers: one that is written like an element of HTML is shown as it is."""
     view = named_by(robots, sensor, EVIL)
     view.write_html(tmp_path / "labels.html")
     browser.open(tmp_path / "labels.html")
-    for chooser in ("document.getElementById('pose')", "config.own.__select"):
-        assert browser.run(f"[...{chooser}.options].map(option => option.textContent)") == EVIL
-        assert browser.run(f"{chooser}.querySelectorAll('img, svg, script').length") == 0
-    browser.run("viewer.gui.open(); config.own.__select.dispatchEvent(new Event('change'))")
+    chooser = "document.getElementById('pose')"
+    assert browser.run(f"[...{chooser}.options].map(option => option.textContent)") == EVIL
+    assert browser.run(f"{chooser}.querySelectorAll('img, svg, script').length") == 0
+    browser.run("viewer.gui.open(); 0")
     for label in EVIL[1:] + EVIL[:1]:
         browser.run("document.getElementById('next').click()")
-        assert browser.run("config.own.__select.selectedOptions[0].textContent") == label
+        assert browser.run(f"{chooser}.selectedOptions[0].textContent") == label
     assert browser.run("document.title") == f"{view.scene.robot.name} - urdfcal view"
     assert complaints(browser) == []
 

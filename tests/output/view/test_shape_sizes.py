@@ -106,3 +106,13 @@ def test_a_robot_larger_than_any_is_refused_in_one_line(length: str) -> None:
     view = view_of(robot_of(text))
     with pytest.raises(RobotError, match="the robot reaches beyond 100 km"):
         _ = view.html
+
+
+def test_a_material_that_is_a_texture_alone_is_not_black() -> None:
+    """The shape has its own colour then: a primitive the usual grey, whether the material is its own or the robot's."""
+    own = '<material name="m"><texture filename="x.png"/></material>'
+    robot = with_shapes(PLAIN.replace("</visual>", f"{own}</visual>"))
+    shapes = robot_shapes(robot)
+    drawn = shapes.model.geometryObjects[shapes.model.getGeometryId("upper_0")]
+    np.testing.assert_allclose(drawn.meshColor, (0.9, 0.9, 0.9, 1.0))
+    assert not drawn.overrideMaterial

@@ -18,6 +18,7 @@ import pytest
 from tests.support.helpers import ROBOTS, without_meshes
 from tests.support.paths import SHARED_DATA
 from tests.support.sensor_cases import CASES, SINGLE, setup_of
+from tests.support.small_robot import robot_of
 from urdfcal.api import fit
 from urdfcal.base.geometry import MM, Matrix
 from urdfcal.calibration.problem import Problem
@@ -220,8 +221,11 @@ def test_one_session_is_shown(plain: dict[str, Robot], rng: np.random.Generator)
     robot, data, true = seen("sessions", plain, rng)
     view = view_of(robot, data, true)
     assert set(view.scene.data.sessions) == {"monday"}
-    assert "20 poses of other sessions" in view.warnings[0]
+    assert view.warnings[0] == "of the sessions 'monday' is shown; --session shows another one: 'friday'"
     assert np.nanmax(view.scene.compared[0].phases[1]) < 1e-2
+    other = view_of(robot, data, true, session="friday")
+    assert set(other.scene.data.sessions) == {"friday"}
+    assert np.nanmax(other.scene.compared[0].phases[1]) < 1e-2
 
 
 def test_the_robots_base_is_drawn(robots: dict[str, Robot], rng: np.random.Generator) -> None:
@@ -331,3 +335,56 @@ def test_real_measurements_are_shown_by_one_command(run_cli, folder: str, descri
     assert (tmp_path / "v.html").stat().st_size < 8e6
     means = [float(mean) for mean in re.findall(r"<td>([\d.]+)</td>", (tmp_path / "v.html").read_text())]
     assert all(0 < mean < 6 for mean in means)
+
+
+def test_the_camera_and_the_ends_of_the_arm_are_in_the_picture(plain: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A camera that knows the screen stands before it, one that is the measuring frame in it; frames ride on their links."""
+    camera, robot = vision_camera(), plain["panda"]
+    q = np.zeros((3, len(robot.chain.inputs)))
+    bare, blank, none = spots_measured(robot, q, np.full((3, 2, 2), np.nan)), np.full(3, ""), np.full(3, np.nan)
+    spots = tuple(Readings("spot_pixel", laser, laser, rng.uniform(400, 700, (3, 2)), blank, none) for laser in robot.rig.lasers)
+    scene = view_of(robot, replace(bare, readings=spots, camera=camera)).scene
+    assert scene.camera is not None
+    centre = camera.T_camera_screen * scene.camera.T_frame_camera if camera.T_camera_screen is not None else None
+    assert centre is not None
+    np.testing.assert_allclose(centre.homogeneous, np.eye(4), atol=1e-12)
+    assert scene.frames == ("panda_link0", "slm")
+    target = Readings("pixel", "slm", "slm", rng.uniform(400, 700, (3, 2)), blank, none)
+    held = replace(bare, readings=(target,), camera=camera, reference="panda_link0")
+    view = view_of(robot, held)
+    assert view.scene.camera is not None
+    assert view.scene.camera.frame == "frame"
+    page = view.html
+    sent = gzip.decompress(base64.b64decode(re.search(r'id="urdfcal-scene">([^<]*)<', page)[1]))  # type: ignore[index]
+    assert all(f"/meshcat/{path}".encode() in sent for path in ("frame/camera", "frames/0", "frames/1"))
+    assert "camera, and how far it sees" in page
+    assert "predicted in px" in page
+
+
+def railed(shape: str = "") -> Robot:
+    """A turning arm on a rail from -0.8 to 1.2 m, that nothing measures; its carriage may have a shape."""
+    limits = '<limit lower="-0.8" upper="1.2" effort="1" velocity="1"/>'
+    joints = (("rail", "prismatic", "world", "car", "0 0 0.2", "0 1 0"), ("turn", "revolute", "car", "arm", "0 0 0.3", "0 0 1"))
+    moving = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        f"{limits}</joint>"
+        for name, kind, parent, child, xyz, axis in joints
+    )
+    return robot_of(f'<robot name="railed"><link name="world"/><link name="car">{shape}</link><link name="arm"/>{moving}</robot>')
+
+
+def test_a_bare_robot_has_no_words_about_marks() -> None:
+    """Of a robot that nothing measures the page says how to turn it and nothing of marks, spots or poses to choose."""
+    page = view_of(railed()).html
+    assert "Drag to turn" in page
+    assert not re.search(r"[Mm]arks|spot|Pose<", page.split('<script type="application/json"')[0].split("<body>")[1])
+
+
+@pytest.mark.parametrize("shape", ["", '<visual><geometry><box size="0.1 0.1 0.1"/></geometry></visual>'], ids=["simple", "shape"])
+def test_a_rail_is_drawn_where_the_arm_stands_on_it(shape: str) -> None:
+    """Between the limits of a joint that slides, also below zero, on a link that has no shape, whether or not others have."""
+    model = view_of(railed(shape)).shapes.model
+    rail = model.geometryObjects[model.getGeometryId("world_rail_car")]
+    np.testing.assert_allclose(rail.placement.translation, (0, 0.2, 0.2), atol=1e-12)
+    np.testing.assert_allclose(np.abs(rail.placement.rotation[:, 2]), (0, 1, 0), atol=1e-12)
+    assert rail.geometry.halfLength == pytest.approx(1.0)

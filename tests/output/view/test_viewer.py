@@ -16,19 +16,22 @@ import uuid
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import urdfcal
-from tests.support.helpers import ROBOTS, assert_poses_close
+from tests.support.helpers import ROBOTS, assert_poses_close, without_meshes
 from tests.support.paths import ROBOTS_DIR, ROOT
 from tests.support.small_robot import URDF, robot_of
 from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.analysis.compensation import Compensation
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.model.error_model import ErrorModel
+from urdfcal.output.stored import corrected_robot
 from urdfcal.output.view.key_frames import MOST_POSES, key_frames
 from urdfcal.output.view.motion import mirror, turns_from_z
 from urdfcal.output.view.placed import placed_robot, screen_placements
@@ -335,12 +338,61 @@ def test_without_measurements_a_pose_with_all_beams_on_the_screen_is_shown(robot
         assert scene.lands(scene.before).all(), name
 
 
-def test_other_sessions_are_left_out_and_said(robots: dict[str, Robot]) -> None:
-    """A calibrated URDF holds the screen of one session, so that poses of others cannot be predicted with it."""
+def test_one_session_is_shown_and_the_others_are_named(robots: dict[str, Robot]) -> None:
+    """A calibrated URDF holds the screen of one session; the option that shows another one is said."""
     data, corrected = measured(robots["arm7"], 6)
-    view = view_of(robots["arm7"], replace(data, sessions=np.array(["a", "a", "b", "a", "b", "a"])), corrected)
+    data = replace(data, sessions=np.array(["a", "a", "b", "a", "b", "a"]))
+    view = view_of(robots["arm7"], data, corrected)
     assert len(view.scene.data) == 4
-    assert "2 poses of other sessions" in view.warnings[0]
+    assert view.warnings == ("of the sessions 'a' is shown; --session shows another one: 'b'",)
+    with pytest.raises(UsageError, match="session 'c': the measurements have 'a', 'b'"):
+        view_of(robots["arm7"], data, corrected, session="c")
+
+
+def test_another_session_has_its_screen_where_the_calibrated_robot_has_it(robots: dict[str, Robot]) -> None:
+    """With the screen moved between sessions, the true robot's predictions lie on the spots of either one."""
+    robot = without_meshes(robots["panda"])
+    data, corrected = measured(robot, 24)
+    fixed = corrected.chain.screen_joint
+    assert fixed is not None
+    shift = pin.SE3(pin.exp3(np.array([0.01, -0.02, 0.015])), np.array([0.02, 0.03, -0.01]))
+    other = corrected_robot(corrected, {fixed.joint.name: fixed.joint.origin * shift})
+    spots = placed_robot(other, data).beams(data.q[12:]).spots
+    values = [np.concatenate([each.values[:12], spots[:, index]]) for index, each in enumerate(data.readings)]
+    readings = tuple(replace(each, values=own) for each, own in zip(data.readings, values, strict=True))
+    both = replace(data, readings=readings, sessions=np.repeat(["a", "b"], 12))
+    view = view_of(robot, both, corrected, session="b")
+    assert "stands where it suits the calibrated robot best" in " ".join(view.warnings)
+    assert len(view.scene.data) == 12
+    assert np.nanmax([row.phases[1] for row in view.scene.compared]) < 0.05
+    assert np.nanmean([row.phases[0] for row in view.scene.compared]) > 1.0
+
+
+def test_a_compensation_bends_the_calibrated_robot_alone(robots: dict[str, Robot]) -> None:
+    """Predictions, beams and pose are those of the corrected joint positions, in the order of the measurements; the nominal robot stays."""
+    robot = robots["arm7"]
+    data, corrected = measured(robot, 5)
+    names = tuple(reversed(data.joints))
+
+    class Sagging:
+        """What the view needs of a compensation: a tenth of a degree a joint, and more with the joint's place."""
+
+        joints, robot = names, corrected
+
+        def corrected_configuration(self, q: Matrix, payload: Vector | None, approach: Matrix | None) -> Matrix:
+            assert payload is None
+            assert approach is None
+            return q + np.radians(0.1) * np.arange(1, len(names) + 1)
+
+    view = view_of(robot, data, compensation=cast(Compensation, Sagging()))
+    bent = data.q + np.radians(0.1) * np.arange(len(names), 0, -1)
+    np.testing.assert_allclose(view.scene.bent_data.q, bent)
+    keys = key_frames(view.scene)
+    np.testing.assert_allclose(keys.solid - keys.q, np.tile(bent[0] - data.q[0], (len(keys.q), 1)), atol=1e-12)
+    assert view.scene.after is not None
+    np.testing.assert_allclose(view.scene.after.spots, placed_robot(corrected, data).beams(bent).spots, equal_nan=True)
+    np.testing.assert_allclose(view.scene.before.spots, placed_robot(robot, data).beams(data.q).spots, equal_nan=True)
+    assert "robot, calibrated, with its compensation" in view.html
 
 
 def test_what_does_not_fit_is_refused(robots: dict[str, Robot]) -> None:

@@ -22,9 +22,10 @@ from urdfcal.output.report.residuals import Residuals, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
 from urdfcal.output.report.verdict import Opening, count_of, opening_of
+from urdfcal.output.text.dh import carried_lines
 from urdfcal.output.text.instruments import first_kind, measuring_frame, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
-from urdfcal.output.text.result import STRONG, carried_lines, combinations_of_robot, strongly_correlated
+from urdfcal.output.text.result import STRONG, combinations_of_robot, strongly_correlated
 from urdfcal.output.text.stands_out import COLUMNS as STANDS_OUT
 from urdfcal.output.text.stands_out import stands_out_rows
 from urdfcal.output.text.wording import wording_of

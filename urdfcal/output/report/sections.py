@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from urdfcal.base.files import sha256
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.minus import with_minus
 from urdfcal.base.terminal import displayed
@@ -20,7 +21,6 @@ from urdfcal.base.version import __version__
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import FLAT
-from urdfcal.output.calibration_yaml import sha256
 from urdfcal.output.report.document import Block, Cell, Gallery, Section, Table
 from urdfcal.output.report.residuals import Residuals
 from urdfcal.output.report.touches import MOST_PLACES, PlaceScatter, scatter_of_places

@@ -8,8 +8,8 @@ from urdfcal.base.terminal import displayed, figures_table, many, rounded, title
 from urdfcal.calibration.analysis.check import Check
 from urdfcal.estimation.identifiability import HiddenSum, in_words
 from urdfcal.model.parameters import INSTRUMENTS
+from urdfcal.output.text.dh import carried_lines
 from urdfcal.output.text.instruments import assumed_noise, parameters_in_words
-from urdfcal.output.text.result import carried_lines
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from urdfcal.base.geometry import DEG, exponentials, product, xyz_rpy
 from urdfcal.base.terminal import many
-from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import INSTRUMENTS
@@ -17,6 +16,9 @@ from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
+
+if TYPE_CHECKING:  # a robot in words, which many commands say, needs no fit
+    from urdfcal.calibration.result import FitResult
 
 
 def noise_in_words(calibration: FitResult) -> str:

@@ -15,9 +15,9 @@ from urdfcal.calibration.analysis.verdict import verdict_of
 from urdfcal.calibration.error_table import main_unit, rms_of
 from urdfcal.calibration.result import CrossValidation
 from urdfcal.estimation.identifiability import Combination, correlated_groups
-from urdfcal.model.dh import DhRow
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.calibration_yaml import parameter_entries
+from urdfcal.output.text.dh import carried_lines
 from urdfcal.output.text.headline import headline
 from urdfcal.output.text.instruments import (
     frame_entries,
@@ -158,41 +158,6 @@ def parameter_table(calibration: FitResult) -> RenderableType:
     return titled("Estimated errors", table)
 
 
-def dh_block(rows: Iterable[DhRow], corrected: Iterable[DhRow] | None = None) -> RenderableType:
-    """A D-H table in mm and deg; with a second one, its values stand behind the nominal ones."""
-    rows, corrected = list(rows), None if corrected is None else list(corrected)
-    tilts, slides = (
-        any(abs(row.beta) > 1e-9 for row in rows + (corrected or [])),
-        any(abs(row.slide) > 1e-9 for row in rows + (corrected or [])),
-    )
-    names = ["a\nmm", "d\nmm", "alpha\ndeg", *(["beta\ndeg"] if tilts else []), "theta\ndeg", *(["then along z\nmm"] if slides else [])]
-    table = figures_table("joint")
-    for name in names:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(row.name, *_dh_cells(row, tilts, slides))
-    if corrected is not None:
-        table.add_section()
-        for row in corrected:
-            table.add_row(f"{row.name} (corrected)", *_dh_cells(row, tilts, slides))
-    form = f"Trans(x,a) Trans(z,d) Rot(x,alpha) {'Rot(y,beta) ' if tilts else ''}Rot(z,theta)"
-    return titled(f"D-H table at q = 0: {form}", table)
-
-
-def dh_json(rows: Iterable[DhRow]) -> list[dict[str, Any]]:
-    """The D-H table in metres and radians."""
-    names = ("name", "a", "d", "alpha", "beta", "theta", "slide")
-    return [{name: getattr(row, name) for name in names} for row in rows]
-
-
-def carried_lines(carried: Mapping[str, str]) -> list[str]:
-    """`carried by the screen: joint1.d_a, joint1.d_alpha`, a line a carrier."""
-    by_carrier: dict[str, list[str]] = {}
-    for name, carrier in carried.items():
-        by_carrier.setdefault(carrier, []).append(name)
-    return [f"carried by {carrier}: {', '.join(names)}" for carrier, names in by_carrier.items()]
-
-
 def calibration_json(calibration: FitResult) -> dict[str, Any]:
     """The result for machines: what the contract promises, and more; SI but for names that say otherwise."""
     noise, spot_noise, trimmed = calibration.estimate.noise, calibration.noise_of("spot"), calibration.test_trimmed
@@ -317,17 +282,6 @@ def combinations_of_robot(calibration: FitResult) -> list[Combination]:
 def _carried(carried: Mapping[str, str]) -> list[RenderableType]:
     lines = [f"  {line}" for line in carried_lines(carried)]
     return ["", "Not in the state, since no measurement could tell them from others:", *lines] if lines else []
-
-
-def _dh_cells(row: DhRow, tilts: bool, slides: bool) -> list[str]:
-    cells = [_fixed(row.a / MM), _fixed(row.d / MM), _fixed(row.alpha / DEG)]
-    cells += [_fixed(row.beta / DEG)] if tilts else []
-    return [*cells, _fixed(row.theta / DEG), *([_fixed(row.slide / MM) if row.slide else ""] if slides else [])]
-
-
-def _fixed(value: float) -> str:
-    text = f"{value:.4f}"
-    return "0.0000" if text == "-0.0000" else text
 
 
 def _display_of(units: set[str]) -> tuple[str, float]:

@@ -32,11 +32,13 @@ class KeyFrames:
     Attributes:
         times: (k,), rising.
         q: Measured joints at those times, (k, inputs).
+        solid: The same of the robot that is drawn solid, which may give way.
         rows: Row of the data that each animated pose is.
     """
 
     times: Vector
     q: Matrix
+    solid: Matrix
     rows: Rows
 
 
@@ -77,16 +79,19 @@ def key_frames(scene: Scene) -> KeyFrames:
     """The poses that are animated (the worst and others evenly, where there are very many) and steps between them."""
     rows = animated_rows(scene)
     steps = max(1, min(8, _MOST_KEYS // max(len(rows), 1) - 1))
-    times, q = [0.0], [scene.data.q[rows[0]]]
-    for number, row in enumerate(rows, start=1):
-        here = scene.data.q[row]
+    times, firsts, shares = [0.0], [0], [0.0]  # at each time some row, and a share of the way to the next one
+    for number in range(1, len(rows) + 1):
         times += [number - HELD, number + HELD]
-        q += [here, here]
+        firsts += [number - 1] * 2
+        shares += [0.0, 0.0]
         if number < len(rows):
-            shares = np.arange(1, steps) / steps
-            times += list(number + HELD + (1 - 2 * HELD) * shares)
-            q += list(here + shares[:, None] * (scene.data.q[rows[number]] - here))
-    return KeyFrames(np.array(times), np.array(q), rows)
+            between = np.arange(1, steps) / steps
+            times += list(number + HELD + (1 - 2 * HELD) * between)
+            firsts += [number - 1] * len(between)
+            shares += list(between)
+    here, after = rows[firsts], rows[np.minimum(np.array(firsts) + 1, len(rows) - 1)]
+    q, solid = (own[here] + np.array(shares)[:, None] * (own[after] - own[here]) for own in (scene.data.q, scene.bent_data.q))
+    return KeyFrames(np.array(times), q, solid, rows)
 
 
 def jumps(keys: KeyFrames) -> tuple[Vector, Rows]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import MM
+from urdfcal.output.view.cameras import CAMERA
 from urdfcal.output.view.key_frames import Rows
 from urdfcal.output.view.marks import CALIBRATED, ERROR, MEASURED, NOMINAL, PLANE
 from urdfcal.output.view.scene import MarkGroup, Scene
@@ -53,9 +54,14 @@ class Layer:
 def layers(scene: Scene) -> list[Layer]:
     """What is in this scene, in the order of the legend."""
     both = scene.calibrated is not None
-    found = [Layer(Swatch("robot", "#8b95a1"), "robot, calibrated" if both else "robot, as its URDF has it", ("solid",))]
+    calibrated = "robot, calibrated" if scene.bent is None else "robot, calibrated, with its compensation"
+    found = [Layer(Swatch("robot", "#8b95a1"), calibrated if both else "robot, as its URDF has it", ("solid",))]
     if both:
         found.append(Layer(Swatch("robot", css(NOMINAL), opacity=0.4), f"robot, uncalibrated, {_shared(scene)}", ("nominal",)))
+    axes = tuple(f"frames/{number}" for number in range(len(scene.frames)))
+    found.append(Layer(Swatch("triad"), f"frame{'s' if len(axes) > 1 else ''} of {', '.join(scene.frames)}", axes))
+    if scene.camera is not None:
+        found.append(Layer(Swatch("camera", css(CAMERA)), "camera, and how far it sees to the sides", (f"{scene.camera.frame}/camera",)))
     for frame, group in scene.groups.items():
         found += _screen_layers(scene, both) if frame == "screen" else _frame_layers(scene, group)
         found += _mark_layers(group, both)
@@ -96,7 +102,8 @@ def _frame_layers(scene: Scene, group: MarkGroup) -> list[Layer]:
     """The measuring frame, and what targets are measured from and against."""
     instruments = scene.solid.rig.instruments
     words = f"measuring frame, fixed to {instruments.reference}" if instruments.placed else f"frame of {instruments.reference}"
-    found = [Layer(Swatch("triad"), words, tuple(f"frame/marks/frame_{axis}" for axis in "xyz"))]
+    own = instruments.reference in scene.frames and not instruments.placed  # drawn with the robot's frames
+    found = [] if own else [Layer(Swatch("triad"), words, tuple(f"frame/marks/frame_{axis}" for axis in "xyz"))]
     if any(mark.normals is not None for mark in group.marks):
         found.append(Layer(Swatch("robot", css(PLANE), opacity=0.6), "planes that were touched", ("frame/marks/planes",)))
     lines = sorted({mark.sensor.line for mark in group.marks if mark.sensor.line})
@@ -149,16 +156,18 @@ class ErrorRow:
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """How far measured and predicted are apart, in mm.
+    """How far measured and predicted are apart.
 
     Attributes:
         title: Of the table.
+        unit: Of all rows; the empty string where each has its own, which stands behind its name.
         groups: Headings over the phases.
         phases: Before and after calibration, or the one there is.
         rows: One for each kind of mark.
     """
 
     title: str
+    unit: str
     groups: tuple[str, ...]
     phases: tuple[str, ...]
     rows: tuple[ErrorRow, ...]
@@ -214,15 +223,18 @@ def _label(scene: Scene, row: int) -> str:
 
 def _errors(scene: Scene) -> ErrorTable:
     several = len(scene.data) > 1
+    units = {compared.unit for compared in scene.compared}
+    common = units.pop() if len(units) == 1 else ""
     rows = (
         ErrorRow(
-            compared.name + (f", {compared.unit}" if compared.unit != "mm" else ""),
+            compared.name if common else f"{compared.name}, {compared.unit}",
             tuple(_number(mean) for mean in compared.means) if several else (),
         )
         for compared in scene.compared
     )
     return ErrorTable(
         "Distance from measured to predicted spot" if scene.data.only_spots else "From measured to predicted",
+        common,
         ("this pose", "mean of all") if several else ("this pose",),
         ("before", "after") if scene.calibrated is not None else ("error",),
         tuple(rows),

@@ -40,7 +40,7 @@ AXES = (0xD0342C, 0x2E9E3F, 0x2F5FD0)  # x, y, z
 PLANE = 0x8FB8DE
 _POSE_LAYER = 2.5  # [mm] more before the sheet for the marks of the pose shown
 _TRIAD = 4.0  # length of a measured pose's axes over the radius of a ball
-_FRAME = 0.11  # length of the measuring frame's axes over the size of the group
+_FRAME = 0.08  # length of the measuring frame's axes over the size of the group
 _LINE = 0.0011  # radius of a line of sight over that size
 
 
@@ -155,7 +155,7 @@ def draw_pose_marks(node: Any, group: MarkGroup, style: Style) -> None:
         if mark.start is not None:
             node[f"line_{number}"].set_object(tube(_LINE * group.size), flat(MISSING))
         if mark.axes is not None:
-            _draw_triad([node[f"axes_{number}"][axis] for axis in "xyz"], _TRIAD * radius, 0.3 * radius, seen_through)
+            draw_triad([node[f"axes_{number}"][axis] for axis in "xyz"], _TRIAD * radius, 0.3 * radius, seen_through)
         if not mark.is_point:
             continue
         for name, colour in {"measured": MEASURED, **dict(list(PREDICTED.items())[: len(group.phases)])}.items():
@@ -164,16 +164,21 @@ def draw_pose_marks(node: Any, group: MarkGroup, style: Style) -> None:
         node[f"error_{number}"].set_object(arrow, style.material(ERROR))
 
 
+def frame_axes(group: MarkGroup) -> Matrix:
+    """The ends of the measuring frame's axes, (3, 3), [m]."""
+    return _FRAME * group.size * np.eye(3)
+
+
 def draw_frame(node: Any, group: MarkGroup, planes: Sequence[TouchedPlane]) -> None:
     """The measuring frame, the planes that were touched, and the measured axes of all poses, as thin lines."""
-    _draw_triad([node[f"frame_{axis}"] for axis in "xyz"], _FRAME * group.size, 0.07 * _FRAME * group.size, flat)
+    draw_triad([node[f"frame_{axis}"] for axis in "xyz"], _FRAME * group.size, 0.07 * _FRAME * group.size, flat)
     for number, plane in enumerate(planes, start=1):
         _draw_plane(node["planes"][str(number)], plane)
     for number, mark in enumerate(group.marks, start=1):
         _draw_axes(node["axes"], number, mark, _TRIAD * group.radius)
 
 
-def _draw_triad(nodes: Sequence[Any], length: float, width: float, material: Callable[[int], Any]) -> None:
+def draw_triad(nodes: Sequence[Any], length: float, width: float, material: Callable[[int], Any]) -> None:
     """Axes x, y and z as arrows, a node each."""
     for node, direction, colour in zip(nodes, np.eye(3), AXES, strict=True):
         node.set_object(arrows(ROUND, np.zeros((1, 3)), length * direction[None], width), material(colour))

@@ -17,7 +17,7 @@ from urdfcal.base.errors import RobotError
 from urdfcal.base.native import native_stderr
 from urdfcal.output.view.collada import scan_collada
 from urdfcal.robot.description import Description
-from urdfcal.robot.packages import is_at_home, resolve_uri
+from urdfcal.robot.packages import is_at_home, package_of, resolve_uri
 from urdfcal.vision.picture_header import KINDS, stated_size
 from urdfcal.vision.pictures import decoded
 
@@ -53,6 +53,11 @@ class MeshFiles:
         self._bytes = self._pixels = self._corners = 0
         self._corners_of: dict[str, int] = {}  # by the Collada file's path
 
+    @property
+    def triangles(self) -> int:
+        """Of all files found so far, one that was found twice counts twice."""
+        return self._corners // 3
+
     def find(self, uri: str) -> Path:
         """The file that a <mesh> names, all links followed.
 
@@ -62,7 +67,7 @@ class MeshFiles:
         if not uri:
             raise RobotError("a <mesh> has no filename")
         path = Path(resolve_uri(uri, self._description.package_dirs).removeprefix("file://"))
-        package = uri.removeprefix("package://").partition("/")[0] if uri.startswith("package://") else ""
+        package, _ = package_of(uri)
         path = self._own_file(uri, path, self._description.path.parent, MOST_OF_A_MESH, package)
         if path.suffix.lower() not in READABLE:
             raise RobotError(f"{uri} is none of {', '.join(READABLE)}")

@@ -13,7 +13,7 @@ import pinocchio as pin
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.output.view.key_frames import Clips, KeyFrames, jumps
 from urdfcal.output.view.marks import PREDICTED, Style
-from urdfcal.output.view.placed import frame_placements, screen_placements
+from urdfcal.output.view.placed import frame_placements, link_placements, screen_placements
 from urdfcal.output.view.scene import Frame, MarkGroup, Scene
 from urdfcal.output.view.shapes import Shapes
 from urdfcal.robot.configurations import whole_configurations
@@ -27,9 +27,11 @@ HIDDEN = 1e-6  # scale of what is not to be seen; zero would have no inverse
 def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styles: dict[Frame, Style]) -> Clips:
     """Put everything that moves where it is at the first pose, and give back how it goes on."""
     clips = Clips()
-    whole = whole_configurations(scene.solid, keys.q)
+    whole = whole_configurations(scene.solid, keys.solid)
     T_root_screen = screen_placements(scene.solid, whole)
     _move_robot(viewer, clips, "solid", scene.solid, shapes, keys.times, whole)
+    for number, link in enumerate(scene.frames):
+        place(viewer, clips, f"frames/{number}", keys.times, link_placements(scene.solid, link, whole))
     if scene.calibrated is not None:
         ghost = whole_configurations(scene.robot, keys.q)
         roots = [ours * theirs.inverse() for ours, theirs in zip(T_root_screen, screen_placements(scene.robot, ghost), strict=True)]
@@ -37,10 +39,11 @@ def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styl
         _move_robot(viewer, clips, "nominal", scene.robot, shapes, keys.times, ghost)
     if "screen" in scene.groups:
         place(viewer, clips, "screen", keys.times, T_root_screen)
-        for name, placed in zip(("beam", "nominal_beam"), reversed(scene.placed), strict=False):
-            _move_beams(viewer, clips, f"screen/pose/{name}", scene, placed.beams(keys.q), keys.times)
+        robots = zip(("beam", "nominal_beam"), reversed(scene.placed), (keys.solid, keys.q), strict=False)
+        for name, placed, q in robots:
+            _move_beams(viewer, clips, f"screen/pose/{name}", scene, placed.beams(q), keys.times)
     if "frame" in scene.groups:
-        place(viewer, clips, "frame", keys.times, frame_placements(scene.placed[-1], whole, keys.q))
+        place(viewer, clips, "frame", keys.times, frame_placements(scene.placed[-1], whole, keys.solid))
     for frame, group in scene.groups.items():
         _move_marks(viewer, clips, group, styles[frame], keys)
     return clips

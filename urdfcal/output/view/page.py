@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +11,15 @@ import pinocchio as pin
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
+from urdfcal.output.view.cameras import draw_camera
+from urdfcal.output.view.drawn_shapes import draw_shapes
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
-from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks
-from urdfcal.output.view.mesh_files import Textures
-from urdfcal.output.view.meshes import on_screen
+from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks, draw_triad, frame_axes
+from urdfcal.output.view.meshes import on_screen, seen_through
 from urdfcal.output.view.motion import draw_motion
-from urdfcal.output.view.placed import frame_placements, screen_placements
-from urdfcal.output.view.recorder import VIEWER_SCRIPT, ColladaMesh, MeshcatVisualizer, Recorder, loadMesh
+from urdfcal.output.view.placed import frame_placements, link_placements, screen_placements
+from urdfcal.output.view.recorder import VIEWER_SCRIPT, Recorder
 from urdfcal.output.view.scene import Frame, Scene
 from urdfcal.output.view.screen import Sheet, draw_all_beams, draw_pose_beams, draw_sheet
 from urdfcal.output.view.shapes import Shapes
@@ -31,6 +29,7 @@ from urdfcal.robot.robot import Robot
 _MOST_PLACES = 100  # of the lasers and the sheet that the camera has to hold
 _NEAR_FRAME = 1.2  # widths of the marks; a measuring frame that is farther from all of them need not be in the picture
 _GHOST_OPACITY = 0.3
+_FRAME = 0.07  # length of the axes of links over the extent of the robot
 _FARTHEST = 1e5  # [m] from the root
 _LIGHTS = {"AmbientLight": 0.5, "FillLight": 0.22, "PointLightNegativeX": 0.3, "PointLightPositiveX": 0.3}  # white stays below white
 
@@ -44,7 +43,7 @@ _PREFERRED = 42 * DEG  # neither along the screen, where spots are slim, nor alo
 def page_of(scene: Scene, shapes: Shapes) -> str:
     """The whole scene as one page that needs no network."""
     keys = key_frames(scene)
-    config = {"poses": pose_entries(scene, keys.rows), "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.q[0])}
+    config = {"poses": pose_entries(scene, keys.rows), "ghost": _ghost(scene, shapes), "sight": _sight(scene, shapes, keys.solid[0])}
     return filled_template(
         "urdfcal.output.view",
         "view.html.j2",
@@ -64,14 +63,7 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         tab[own].set_property("visible", False)
     for light, intensity in _LIGHTS.items():
         tab[f"/Lights/{light}/<object>"].set_property("intensity", intensity)
-    robot = _Display(scene.solid.model, None, shapes.model)
-    robot.textures = shapes.textures
-    robot.initViewer(viewer=tab)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of Pinocchio's way to look into a Collada file
-        warnings.simplefilter("ignore", FutureWarning)
-        robot.loadViewerModel("solid")
-    robot.display(whole_configurations(scene.solid, keys.q[:1])[0])
+    draw_shapes(tab["solid/visuals"], shapes)
     styles: dict[Frame, Style] = {frame: FlatStyle(scene.side) if frame == "screen" else RoundStyle() for frame in scene.groups}
     for frame, group in scene.groups.items():
         draw_marks(tab[f"{frame}/marks"], group, styles[frame])
@@ -80,10 +72,25 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
         _draw_screen(tab["screen"], scene)
     if "frame" in scene.groups:
         draw_frame(tab["frame/marks"], scene.groups["frame"], scene.placed[-1].planes)
+    length = _axes_length(shapes.corners(scene.solid, whole_configurations(scene.solid, keys.solid[:1])[0]))
+    for number in range(len(scene.frames)):
+        draw_triad([tab[f"frames/{number}/{axis}"] for axis in "xyz"], length, 0.06 * length, seen_through)
+    if scene.camera is not None:
+        draw_camera(tab[f"{scene.camera.frame}/camera"], scene.camera, _camera_depth(scene, length))
     clips = draw_motion(tab, scene, shapes, keys, styles)
     if len(keys.rows) > 1:
         recorder.send(SetClips(clips))
     return recorder
+
+
+def _axes_length(corners: Matrix) -> float:
+    """How long the axes of links are, [m], on a robot of these corners."""
+    return _FRAME * float(np.ptp(corners, axis=0).max())
+
+
+def _camera_depth(scene: Scene, length: float) -> float:
+    """How deep the pyramid of a camera is drawn, [m]: as long as a frame's axes, and not beyond what it looks at."""
+    return min(1.5 * length, 0.5 * scene.groups[scene.camera.frame].size) if scene.camera is not None else length
 
 
 def _draw_screen(node: Any, scene: Scene) -> None:
@@ -95,26 +102,6 @@ def _draw_screen(node: Any, scene: Scene) -> None:
         draw_pose_beams(node["pose"], "nominal_beam", len(scene.data.lasers), scene.extent, NOMINAL)
 
 
-class _Display(MeshcatVisualizer):  # type: ignore[misc]
-    """Pinocchio's display, which would put whatever a Collada file names as its texture into the page; here only what was looked at.
-
-    A mesh without its textures is drawn without colours.
-    """
-
-    textures: Mapping[str, Textures | None]
-
-    def loadMeshFromFile(self, geometry_object: Any) -> Any:
-        path = Path(geometry_object.meshPath)
-        if path.suffix.lower() != ".dae":
-            return super().loadMeshFromFile(geometry_object)
-        own = self.textures.get(str(path))
-        if own is not None:
-            return ColladaMesh(path.read_text("utf-8", errors="replace"), dict(own))
-        mesh = loadMesh(geometry_object.geometry)
-        mesh.vertices = (mesh.vertices / geometry_object.meshScale).astype(np.float32)  # the display scales it again
-        return mesh
-
-
 def _ghost(scene: Scene, shapes: Shapes) -> dict[str, Any]:
     names = [shape.name for shape in shapes.model.geometryObjects] if scene.calibrated is not None else []
     return {"names": names, "color": NOMINAL, "opacity": _GHOST_OPACITY}
@@ -124,7 +111,7 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     """Where to look from, and what the picture is to hold: the robot in the first pose, the sheet, lasers and targets in all."""
     whole = whole_configurations(scene.solid, q[None])
     rows = np.arange(0, len(scene.data), 1 + len(scene.data) // _MOST_PLACES)
-    every = whole_configurations(scene.solid, scene.data.q[rows])
+    every = whole_configurations(scene.solid, scene.bent_data.q[rows])
     robot = shapes.corners(scene.solid, whole[0])
     _require_near(scene, robot)
     targets = _targets_in_root(scene, rows, every)
@@ -133,9 +120,18 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
     else:
         middle = (targets if len(targets) else robot).mean(axis=0)
         normal, seen, spots = middle - _base(scene.solid, whole[0]), [], targets
-    points = np.unique(np.round(np.concatenate([robot, *seen, targets]), 3), axis=0)
+    axes = [_in_root(link_placements(scene.solid, link, whole)[0], _axes_length(robot) * np.eye(3)) for link in scene.frames]
+    points = np.unique(np.round(np.concatenate([robot, *axes, *seen, targets, *_camera_in_root(scene, whole, q)]), 3), axis=0)
     direction = choose_direction(normal, spots, _skeleton(scene.solid, whole[0]), points)
     return {"direction": direction.tolist(), "points": points.tolist()}
+
+
+def _camera_in_root(scene: Scene, whole: Matrix, q: Vector) -> list[Matrix]:
+    """Where the camera stands in the first pose, if there is one."""
+    if scene.camera is None:
+        return []
+    there = screen_placements(scene.solid, whole) if scene.camera.frame == "screen" else frame_placements(scene.placed[-1], whole, q[None])
+    return [(there[0] * scene.camera.T_frame_camera).translation[None]]
 
 
 def _require_near(scene: Scene, corners: Matrix) -> None:
@@ -162,10 +158,11 @@ def _targets_in_root(scene: Scene, rows: Rows, every: Matrix) -> Matrix:
     if group is None:
         return np.empty((0, 3))
     found = []
-    for T, row in zip(frame_placements(scene.placed[-1], every, scene.data.q[rows]), rows, strict=True):
+    for T, row in zip(frame_placements(scene.placed[-1], every, scene.bent_data.q[rows]), rows, strict=True):
         own = np.array([mark.read[row] for mark in group.marks if not np.isnan(mark.read[row, 0])]).reshape(-1, 3)
         near = np.linalg.norm(own, axis=1) < _NEAR_FRAME * group.size
-        found.append(_in_root(T, np.concatenate([own, np.zeros((int(near.any()), 3))])))
+        seen = near.any() or (scene.camera is not None and scene.camera.frame == "frame")
+        found.append(_in_root(T, np.concatenate([own, *([np.zeros((1, 3)), frame_axes(group)] if seen else [])])))
     return np.concatenate(found)
 
 

@@ -145,8 +145,13 @@ def placed_robot(robot: Robot, data: Measurements, options: ModelOptions | None 
 
 def screen_placements(robot: Robot, whole: Matrix) -> list[SE3]:
     """T_root_screen of a robot at configurations (n, model.nq)."""
+    return link_placements(robot, robot.rig.base, whole)
+
+
+def link_placements(robot: Robot, link: str, whole: Matrix) -> list[SE3]:
+    """T_root_link of a robot at configurations (n, model.nq)."""
     model, data = robot.model, robot.model.createData()
-    index = model.getFrameId(robot.rig.base, pin.FrameType.BODY)
+    index = model.getFrameId(link, pin.FrameType.BODY)
     found = []
     for q in whole:
         pin.forwardKinematics(model, data, q)

@@ -12,9 +12,11 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import pinocchio as pin
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.model.options import ModelOptions
+from urdfcal.output.view.cameras import SeenCamera
 from urdfcal.output.view.placed import Mark, Placed, placed_robot
 from urdfcal.output.view.screen import Sheet, sheet_of
 from urdfcal.robot.robot import Robot
@@ -31,6 +33,7 @@ _LEAST_WIDTH = 0.3  # [m] of the marks in the measuring frame
 _LONGEST: dict[Frame, float] = {"screen": 0.25, "frame": 0.06}  # over the group's size, for nine arrows out of ten
 _CHOICES: dict[Frame, tuple[float, ...]] = {"screen": MAGNIFICATIONS, "frame": (500.0, 200.0, 100.0, 50.0, *MAGNIFICATIONS)}
 _MOST_OF_A_BOARD = 4  # corners
+_MOST_FRAMES = 6  # of links that are drawn
 
 
 @dataclass(frozen=True)
@@ -133,6 +136,8 @@ class Scene:
         data: Joint positions and readings.
         magnify: How many times the arrows of the last robot's errors are longer than the errors; None to choose.
         options: What is said of the instruments.
+        bent: Joint positions at which the calibrated robot stands where the arm does, with what it gives way, (n, inputs), [rad] or [m];
+            None where it is as stiff as its URDF.
     """
 
     robot: Robot
@@ -140,6 +145,7 @@ class Scene:
     data: Measurements
     magnify: float | None = None
     options: ModelOptions | None = None
+    bent: Matrix | None = None
 
     @property
     def solid(self) -> Robot:
@@ -149,8 +155,32 @@ class Scene:
     @cached_property
     def placed(self) -> tuple[Placed, ...]:
         """The nominal robot with its instruments placed, then the calibrated one."""
-        robots = [self.robot] if self.calibrated is None else [self.robot, self.calibrated]
-        return tuple(placed_robot(robot, self.data, self.options) for robot in robots)
+        robots = [(self.robot, self.data)] if self.calibrated is None else [(self.robot, self.data), (self.calibrated, self.bent_data)]
+        return tuple(placed_robot(robot, data, self.options) for robot, data in robots)
+
+    @property
+    def bent_data(self) -> Measurements:
+        """What was measured at the joint positions of the robot that is drawn solid."""
+        return self.data if self.bent is None else replace(self.data, q=self.bent)
+
+    @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Links whose frames are drawn: the root's and, where nothing else shows them, those of the module or the targets."""
+        rig = self.solid.rig
+        ends = (rig.tip,) if rig.lasers else ()
+        targets = tuple(target.link for target in rig.instruments.targets)
+        return tuple(dict.fromkeys((self.solid.tree.root, *ends, *targets)))[:_MOST_FRAMES]
+
+    @cached_property
+    def camera(self) -> SeenCamera | None:
+        """The camera that readings were made with: it is the measuring frame, or knows where the screen is."""
+        camera = self.data.camera
+        if camera is None:
+            return None
+        if any(reading.kind.by_camera and not reading.kind.beam for reading in self.data.readings) and "frame" in self.groups:
+            return SeenCamera(camera, "frame", pin.SE3.Identity())
+        there = camera.T_camera_screen is not None and "screen" in self.groups
+        return SeenCamera(camera, "screen", camera.T_camera_screen.inverse()) if there else None
 
     @cached_property
     def groups(self) -> dict[Frame, MarkGroup]:
@@ -195,7 +225,7 @@ class Scene:
     @cached_property
     def after(self) -> Beams | None:
         """Those of the calibrated robot."""
-        return None if self.calibrated is None else self.placed[1].beams(self.data.q)
+        return None if self.calibrated is None else self.placed[1].beams(self.bent_data.q)
 
     @property
     def shown(self) -> Beams:

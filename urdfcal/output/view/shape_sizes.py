@@ -61,6 +61,14 @@ def grey_where_no_colour(root: etree._Element) -> int:
     return len(wrong)
 
 
+def pass_over_textures(root: etree._Element) -> None:
+    """Take out materials that are a texture alone, which would be drawn black; what they belong to is drawn in its own colours."""
+    for material in [each for each in root.iter("material") if each.find("texture") is not None and each.find("color") is None]:
+        parent = material.getparent()
+        if parent is not None:
+            parent.remove(material)
+
+
 def _is_colour(text: str) -> bool:
     numbers = [finite_number(word) for word in text.split()]
     return len(numbers) == 4 and all(each is not None and 0 <= each <= 1 for each in numbers)

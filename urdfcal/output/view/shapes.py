@@ -8,7 +8,7 @@ draws its own.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,17 @@ from lxml import etree
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.base.native import native_stderr
+from urdfcal.output.view.light_meshes import light_meshes
 from urdfcal.output.view.mesh_files import MeshFiles, Textures
-from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, size_fault
+from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, pass_over_textures, size_fault
 from urdfcal.robot.pinocchio_model import without_its_source
 from urdfcal.robot.rig import lasers_by_name
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import for_pinocchio, read_xml
 
 _Reasons = dict[str, list[str]]  # why something is not shown, by what is said of its kind
-_BODY, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
-_LONGEST_RAIL = 5.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
+_BODY, _RAIL, _MODULE, _LASER = (0.62, 0.67, 0.73, 1.0), (0.42, 0.46, 0.52, 1.0), (0.25, 0.25, 0.28, 1.0), (0.8, 0.1, 0.1, 1.0)
+_LONGEST_RAIL = 12.0  # [m]; a prismatic joint that goes farther has no limits worth drawing
 _SLENDER = 0.03  # radius of a simple shape over the reach of the arm
 _THINNEST, _THICKEST = 0.006, 0.05  # [m]
 
@@ -44,6 +45,7 @@ class Shapes:
         simple: Links that are drawn by simple shapes.
         warnings: What is not shown as the description has it, one for each kind.
         textures: The pictures of each Collada file, by its path; None where it is drawn without colours.
+        lighter: The files that are shown with fewer triangles, by a path that may be no more.
     """
 
     model: Any
@@ -52,6 +54,7 @@ class Shapes:
     simple: tuple[str, ...]
     warnings: tuple[str, ...]
     textures: Mapping[str, Textures | None]
+    lighter: Mapping[str, bytes] = field(default_factory=dict)
 
     def on(self, robot: Robot) -> Any:
         """The same shapes on another robot with these links: each stands in its link's frame as before."""
@@ -83,24 +86,33 @@ def robot_shapes(robot: Robot) -> Shapes:
     """
     root, files = read_xml(robot.description.text), MeshFiles(robot.description)
     _remove_sheet(root, robot)
+    pass_over_textures(root)
     grey = grey_where_no_colour(root)
     bare, reasons = _only_drawable(root, files)
-    unreadable = ""
-    try:
-        model, unread = _readable(robot, root, reasons)
-        bare |= unread | _without_endless(robot, model, reasons)
-    except (ValueError, RuntimeError) as error:
-        model, bare = pin.GeometryModel(), set(robot.tree.links)
-        unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
+    unreadable, named = "", _named(root)
+    with light_meshes(root, files.triangles) as lighter:
+        textures = {new: files.textures.get(old) for old, new in zip(named, _named(root), strict=True)}
+        try:
+            model, unread = _readable(robot, root, reasons)
+            bare |= unread | _without_endless(robot, model, reasons)
+        except (ValueError, RuntimeError) as error:
+            model, bare = pin.GeometryModel(), set(robot.tree.links)
+            unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
     rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
     _add_simple(robot, model, simple - rig, set(rig) - drawn)
+    _add_rails(robot, model, set(robot.tree.links) - drawn)
     frames = [robot.model.frames[shape.parentFrame] for shape in model.geometryObjects]
     own = tuple(frame.placement.actInv(shape.placement) for frame, shape in zip(frames, model.geometryObjects, strict=True))
     reasons = {**reasons, "meshes are drawn without colours": files.refused_textures}
     warnings = (unreadable,) if unreadable else _said(reasons, grey)
-    return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), warnings, files.textures)
+    return Shapes(model, tuple(frame.name for frame in frames), own, tuple(sorted(simple)), warnings, textures, lighter)
+
+
+def _named(root: etree._Element) -> list[str]:
+    """The files of all meshes."""
+    return [mesh.get("filename", "") for mesh in root.iterfind("link/visual/geometry/mesh")]
 
 
 def _said(reasons: _Reasons, grey: int) -> tuple[str, ...]:
@@ -202,9 +214,6 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
         if joint.child in links and joint.moves:
             about = _z_to(np.array(joint.axis), np.zeros(3))
             _add(robot, model, joint.child, "joint", coal.Cylinder(1.3 * radius, 4 * radius), about, _BODY)
-        if joint.parent in links and joint.prismatic and 0 < joint.upper < _LONGEST_RAIL:
-            rail = joint.origin * _z_to(np.array(joint.axis), joint.upper / 2 * np.array(joint.axis))
-            _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * radius, joint.upper), rail, _BODY)
         reach = float(np.linalg.norm(joint.origin.translation))
         if joint.parent in links and reach > radius and joint.child != _sheet(robot):
             between = _z_to(joint.origin.translation, joint.origin.translation / 2)
@@ -213,6 +222,19 @@ def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> Non
         _add(robot, model, robot.rig.tip, "box", coal.Box(0.03, 0.06, 0.02), pin.SE3(np.eye(3), np.array([0, 0, -0.01])), _MODULE)
     for laser in (laser for laser in robot.rig.lasers if laser in rig):
         _add(robot, model, laser, "barrel", coal.Cylinder(0.004, 0.04), pin.SE3(np.eye(3), np.array([0, 0, 0.02])), _LASER)
+
+
+def _add_rails(robot: Robot, model: Any, links: set[str]) -> None:
+    """A rail along each joint that slides on one of these links, which have no shape of their own, as far as its limits."""
+    import coal
+
+    for joint in robot.tree.joints.values():
+        length = joint.upper - joint.lower
+        if joint.parent not in links or not joint.prismatic or not 0 < length < _LONGEST_RAIL:
+            continue
+        axis = np.array(joint.axis)
+        rail = joint.origin * _z_to(axis, (joint.lower + joint.upper) / 2 * axis)
+        _add(robot, model, joint.parent, f"rail_{joint.child}", coal.Capsule(0.6 * _radius(robot), length), rail, _RAIL)
 
 
 def _add(robot: Robot, model: Any, link: str, part: str, shape: Any, T_link_shape: SE3, colour: tuple[float, ...]) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from urdfcal.base.files import write_whole
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.options import ModelOptions
+from urdfcal.output.view.rows import before_its_screen, bent_positions, has_another_screen, of_session
 from urdfcal.output.view.scene import Scene
 from urdfcal.output.view.server import PageServer
 from urdfcal.output.view.shapes import Shapes, robot_shapes
@@ -33,6 +35,9 @@ from urdfcal.sensors.measurements import (
     spots_measured,
     unreached_words,
 )
+
+if TYPE_CHECKING:
+    from urdfcal.calibration.analysis.compensation import Compensation
 
 _DRAWN = 200  # random poses, of which the one nearest to the middle of the joints' limits is shown
 
@@ -83,6 +88,8 @@ def view_of(
     calibrated: Robot | None = None,
     magnify: float | None = None,
     options: ModelOptions | None = None,
+    compensation: Compensation | None = None,
+    session: str | None = None,
 ) -> View:
     """Put robot, beams, screen, spots and targets into a scene.
 
@@ -92,14 +99,20 @@ def view_of(
         calibrated: The same robot as it was found to be.
         magnify: How many times longer than the errors their arrows are; by default 20, or less where they would be too long.
         options: Of which only what concerns the instruments matters, as for `evaluate`.
+        compensation: How the calibrated robot gives way, of whose joint fit it is.
+        session: Which session's measurements are shown; by default the first one's, or those of all where that can be.
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
-        UsageError: the magnification is not above zero, or targets cannot be placed.
+        UsageError: the magnification is not above zero, targets cannot be placed, or there is no such session.
     """
     if magnify is not None and not 0 < magnify < np.inf:
         raise UsageError(f"the magnification must be above zero, found {magnify:g}")
     said: list[str] = []
+    if compensation is not None:
+        calibrated = calibrated or compensation.robot
+    if data is None and session is not None:
+        raise UsageError(f"session '{session}': there are no measurements that it could be of")
     if data is not None:
         data = _drawable(data)
         robot, calibrated = as_measured(robot, data), as_measured(calibrated, data) if calibrated is not None else None
@@ -107,13 +120,13 @@ def view_of(
         robot, calibrated = _to_its_tip(robot), _to_its_tip(calibrated) if calibrated is not None else None
     rows = _one_pose(robot) if data is None else data
     _check(robot, calibrated, rows)
-    if len(rows.session_names) > 1 and (calibrated is not None or not rows.only_spots):
-        first = rows.session_names[0]
-        left_out = int(np.count_nonzero(rows.sessions != first))
-        rows = rows.subset(rows.sessions == first)
-        whose = "the calibrated robot has the screen" if rows.only_spots else "the scene has the measuring frame"
-        said.append(f"{whose} of session '{first}'; {left_out} poses of other sessions are not shown")
-    scene = Scene(robot, calibrated, rows, magnify, options)
+    rows, words = of_session(rows, session, together=calibrated is None and rows.only_spots)
+    said += words
+    if calibrated is not None and data is not None and has_another_screen(calibrated, rows, data):
+        calibrated = before_its_screen(calibrated, rows)
+        said.append(f"the screen of session '{rows.session_names[0]}' stands where it suits the calibrated robot best")
+    bent = None if compensation is None else bent_positions(compensation, rows)
+    scene = Scene(robot, calibrated, rows, magnify, options, bent)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
 

@@ -1,4 +1,3 @@
-const WIDE = 1280;  // pixels from which there is room for meshcat's controls beside the scene
 let touched = false;
 function lookAtAll() {
   const w = pane.clientWidth, h = pane.clientHeight, camera = viewer.camera;

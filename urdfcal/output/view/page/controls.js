@@ -16,14 +16,20 @@ function tell() {  // which pose is shown, and how far its spots are off
   row = now;
   const chooser = document.getElementById("pose");
   if (chooser) chooser.selectedIndex = row;
-  if (config.own) { config.own.object[config.own.property] = poses[row].label; config.own.updateDisplay(); }
   poses[row].errors.forEach((pair, laser) => pair.forEach((error, phase) => {
     const cell = document.getElementById(`error-${laser}-${phase}`);
     if (cell) cell.textContent = error;
   }));
 }
+let playing = false;
+function play(on) {
+  playing = on;
+  if (on) animator.play(); else animator.pause();
+  const button = document.getElementById("play");
+  if (button) { button.textContent = on ? "Pause" : "Play"; }
+}
 function goTo(number) {
-  animator.pause();
+  play(false);
   const time = Math.min(Math.max(number, 0), poses.length - 1) + 1;
   animator.seek(time); animator.display_progress(time); tell(); viewer.set_dirty();
 }
@@ -32,18 +38,14 @@ function step(by) { goTo((row + by + poses.length) % poses.length); }
 function controls() {
   const chooser = document.getElementById("pose");
   viewer.gui.__folders["Scene"].close();
-  viewer.gui.width = 250;
   if (poses.length < 2) { viewer.gui.__folders["Animations"] && viewer.gui.__folders["Animations"].close(); return; }
-  const folder = animator.folder.__folders["default"], labels = poses.map(pose => pose.label);
-  config.own = folder.add({pose: labels[0]}, "pose", Object.fromEntries(labels.entries()));  // numbers: it takes names for HTML
-  labels.forEach((label, at) => { config.own.__select.options[at].textContent = label; });
-  config.own.onChange(label => goTo(labels.indexOf(label)));
+  const labels = poses.map(pose => pose.label);
   animator.time_scrubber.name("pose number");
-  if (pane.clientWidth >= WIDE) viewer.gui.open();
   animator.play(); animator.pause(); animator.seek(0);  // meshcat's slider moves only what has been played
   chooser.addEventListener("change", () => goTo(chooser.selectedIndex));
   document.getElementById("back").addEventListener("click", () => step(-1));
   document.getElementById("next").addEventListener("click", () => step(1));
+  document.getElementById("play").addEventListener("click", () => play(!playing));
   const asked = () => { const at = labels.indexOf(decodeURIComponent(location.hash.replace(/^#pose=/, ""))); if (at >= 0) goTo(at); };
   window.addEventListener("hashchange", asked);
   asked();

@@ -1,9 +1,11 @@
 function follow() {  // the window and what is pressed
-  document.getElementById("fold").addEventListener("click", () => { panel.classList.toggle("folded"); if (!touched) lookAtAll(); });
+  const fold = document.getElementById("fold"), sign = () => { fold.textContent = panel.classList.contains("folded") ? "+" : "\u2212"; };
+  fold.addEventListener("click", () => { panel.classList.toggle("folded"); sign(); if (!touched) lookAtAll(); });
   pane.addEventListener("pointerdown", () => { touched = true; });
   pane.addEventListener("wheel", () => { touched = true; });
   window.addEventListener("resize", () => { if (!touched) lookAtAll(); });
   if (pane.clientWidth < 700) panel.classList.add("folded");
+  sign();
 }
 
 async function start() {

@@ -1,0 +1,15 @@
+"""What the files of each format are called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
+
+
+def stem_of(path: Path) -> str:
+    """A file's name without the endings that urdfcal gives: `arm` for `arm_calibrated.urdf`, `arm.urdf` and `arm_offsets.yaml`."""
+    for ending in ENDINGS.values():
+        if path.name.endswith(ending) and path.name != ending:
+            return path.name.removesuffix(ending)
+    return path.stem if path.suffix in (".urdf", ".yaml", ".yml") else path.name
