@@ -19,6 +19,7 @@ from lxml import etree
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.base.native import native_stderr
+from urdfcal.output.view.mesh_child import faults
 from urdfcal.output.view.mesh_files import MeshFiles, Textures
 from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, size_fault
 from urdfcal.robot.pinocchio_model import without_its_source
@@ -85,10 +86,11 @@ def robot_shapes(robot: Robot) -> Shapes:
     _remove_sheet(root, robot)
     grey = grey_where_no_colour(root)
     bare, reasons = _only_drawable(root, files)
+    bare |= _remove_unreadable(root, reasons)
     unreadable = ""
     try:
-        model, unread = _readable(robot, root, reasons)
-        bare |= unread | _without_endless(robot, model, reasons)
+        model = _from_urdf(robot, root)
+        bare |= _without_endless(robot, model, reasons)
     except (ValueError, RuntimeError) as error:
         model, bare = pin.GeometryModel(), set(robot.tree.links)
         unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
@@ -166,30 +168,17 @@ def _from_urdf(robot: Robot, root: etree._Element) -> Any:
         return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
 
 
-def _readable(robot: Robot, root: etree._Element, reasons: _Reasons) -> tuple[Any, set[str]]:
-    """The shapes that can be read, and the links of the others, whose meshes one after the other is then asked."""
-    try:
-        return _from_urdf(robot, root), set()
-    except (ValueError, RuntimeError):
-        bare = _remove_unreadable(root, reasons)
-        return _from_urdf(robot, root), bare
-
-
 def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
-    import coal
-
-    bare: set[str] = set()
-    for link in root.findall("link"):
-        for visual, mesh in [(each, mesh) for each in link.findall("visual") for mesh in each.findall("geometry/mesh")]:
-            path = Path(mesh.get("filename", ""))
-            try:
-                with native_stderr():
-                    coal.MeshLoader().load(str(path), np.ones(3))
-            except (ValueError, RuntimeError) as error:
-                link.remove(visual)
-                bare.add(link.get("name", ""))
-                why = without_its_source(str(error)).removesuffix("Hint: the mesh directory may be wrong.")
-                reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
+    """Take out the meshes that Assimp cannot read, and give their links back."""
+    visuals = [(link, each) for link in root.findall("link") for each in link.findall("visual") if each.find("geometry/mesh") is not None]
+    paths = [Path(visual.find("geometry/mesh").get("filename", "")) for _, visual in visuals]
+    unreadable, bare = faults(paths), set[str]()
+    for (link, visual), path in zip(visuals, paths, strict=True):
+        if path in unreadable:
+            link.remove(visual)
+            bare.add(link.get("name", ""))
+            why = without_its_source(unreadable[path]).removesuffix("Hint: the mesh directory may be wrong.")
+            reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
     return bare
 
 
