@@ -273,6 +273,8 @@ def fit(
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
     wish = sag_wish(sag, gravity, payload, also)
+    for link in wish.gravity.payloads:
+        unmeasured.tree.require_link(link)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
     outputs = replace(outputs, camera=data.corrects_camera)
     require_places(*outputs.places.values(), inputs=inputs)

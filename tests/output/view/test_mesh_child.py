@@ -66,7 +66,9 @@ def test_a_reader_that_ends_is_told_of(ends: str, words: str, tmp_path: Path, al
     assert not mesh_child._running
 
 
-@pytest.mark.parametrize(("name", "text"), [("a.obj", f"# caf\xe9\n{OBJ}"), ("a.dae", collada().replace("<asset/>", "<!--\xe9--><asset/>"))])
+@pytest.mark.parametrize(
+    ("name", "text"), [("a.obj", f"# caf\xe9\n{OBJ}"), ("a.dae", collada().replace("<asset/>", "<!--\xe9--><asset/>"))]
+)
 def test_words_in_another_encoding_are_a_simple_shape(name: str, text: str, tmp_path: Path) -> None:
     """The page takes UTF-8 alone."""
     (tmp_path / name).write_text(text.replace('version="1.0"', 'version="1.0" encoding="latin-1"'), encoding="latin-1")

@@ -45,7 +45,8 @@ def _asked(path: Path) -> str:
     """What the child says of a file, or how it ended over it."""
     try:
         child = _child()
-        assert child.stdin is not None and child.stdout is not None
+        assert child.stdin is not None
+        assert child.stdout is not None
         child.stdin.write(json.dumps(str(path)).encode() + b"\n")
         child.stdin.flush()
         answer = child.stdout.readline() if select.select([child.stdout], [], [], SECONDS)[0] else None

@@ -170,10 +170,14 @@ def _from_urdf(robot: Robot, root: etree._Element) -> Any:
 
 def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
     """Take out the meshes that Assimp cannot read, and give their links back."""
-    visuals = [(link, each) for link in root.findall("link") for each in link.findall("visual") if each.find("geometry/mesh") is not None]
-    paths = [Path(visual.find("geometry/mesh").get("filename", "")) for _, visual in visuals]
-    unreadable, bare = faults(paths), set[str]()
-    for (link, visual), path in zip(visuals, paths, strict=True):
+    meshes = [
+        (link, visual, Path(mesh.get("filename", "")))
+        for link in root.findall("link")
+        for visual in link.findall("visual")
+        for mesh in visual.findall("geometry/mesh")
+    ]
+    unreadable, bare = faults(path for _, _, path in meshes), set[str]()
+    for link, visual, path in meshes:
         if path in unreadable:
             link.remove(visual)
             bare.add(link.get("name", ""))
