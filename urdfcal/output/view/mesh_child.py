@@ -110,7 +110,8 @@ def main() -> None:
             os.dup2(nowhere.fileno(), stream)
     limit_memory(GIGABYTES)
     for line in sys.stdin:
-        print(json.dumps(_fault(json.loads(line))), file=answer_to, flush=True)
+        answer_to.write(json.dumps(_fault(json.loads(line))) + "\n")
+        answer_to.flush()
 
 
 def _fault(path: str) -> Any:
