@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -26,13 +27,15 @@ from urdfcal.calibration.start.nominal import evaluate, held_instruments
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
+from urdfcal.output import stored
 from urdfcal.output.calibration_yaml import calibration_yaml
 from urdfcal.output.formats import Deployed
-from urdfcal.output.stored import StoredCalibration, apply
-from urdfcal.output.stored import read_calibration as load_calibration
+from urdfcal.output.pairs import mixed
+from urdfcal.output.stored import StoredCalibration
 from urdfcal.output.text.result import text_report
+from urdfcal.robot import robot as described
 from urdfcal.robot.corrections import Applicable
-from urdfcal.robot.robot import Robot, load_robot, with_text
+from urdfcal.robot.robot import Robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
 from urdfcal.sensors.measurements import Measurements, measurements_from
@@ -74,6 +77,31 @@ __all__ = [
 ]
 
 P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def _telling(read: Callable[P, T]) -> Callable[P, T]:
+    """The same call, with a warning where the file and those beside it are a mixed pair; the file is its first argument, `path`."""
+
+    @wraps(read)
+    def told(*arguments: P.args, **options: P.kwargs) -> T:
+        found = read(*arguments, **options)
+        for line in mixed(Path(str(arguments[0] if arguments else options["path"]))):
+            warnings.warn(line, stacklevel=2)
+        return found
+
+    return told
+
+
+load_robot = _telling(described.load_robot)
+load_calibration = _telling(stored.read_calibration)
+
+
+@wraps(stored.apply)
+def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:
+    """As `urdfcal.output.stored.apply`, with the same warning."""
+    found = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+    return stored.apply(model, found, *geometry_models)
 
 
 @dataclass(frozen=True, repr=False)
