@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -34,7 +34,8 @@ from urdfcal.output.drawn import convergence_figure, residuals_figure, spots_fig
 from urdfcal.output.formats import Deployed
 from urdfcal.output.pairs import warn_if_mixed
 from urdfcal.output.report.files import write_report
-from urdfcal.output.stored import StoredCalibration, apply, read_calibration
+from urdfcal.output.stored import StoredCalibration, read_calibration
+from urdfcal.output.stored import apply as put_on
 from urdfcal.output.text.check import check_blocks
 from urdfcal.output.text.result import text_report
 from urdfcal.planning.plan import PosePlan, plan_poses
@@ -293,6 +294,13 @@ def _checked(read: Callable[P, T]) -> Callable[P, T]:
 
 load_robot = _checked(read_robot)
 load_calibration = _checked(read_calibration)
+
+
+@wraps(put_on)
+def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:
+    """As `urdfcal.output.stored.apply`, with a warning where a file does not belong to what stands beside it."""
+    found = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
+    return put_on(model, found, *geometry_models)
 
 
 class OnlineCalibrator(online.OnlineCalibrator):

@@ -33,6 +33,7 @@ def csv(old: str, new: str) -> dict[str, str]:
 
 
 URDFS = {
+    "payload on no link": (f"{FIT} --payload 2@tol", {}, "no link named 'tol' among 8 links; did you mean 'tool'"),
     "urdf missing": ("fit nope.urdf m.csv", {}, "nope.urdf: cannot be read: No such file or directory"),
     "urdf is a folder": ("fit . m.csv", {}, ".: cannot be read: Is a directory"),
     "urdf empty": (FIT, {"small.urdf": ""}, "small.urdf:1: not well-formed XML: no element found"),

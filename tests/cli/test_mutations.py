@@ -99,12 +99,13 @@ def break_pair(count: int, good: Good, folder: Path) -> Counter[bool]:
     for number in range(count):
         rng, name = np.random.default_rng([number, 1000]), ("sag.yaml", "sag.yaml", "sag.urdf")[number % 3]
         (folder / name).write_bytes(broken(good.files[name], rng))
+        said = ""
         try:
             load_compensation(folder / "sag.yaml")
-            taken[True] += 1
         except UrdfcalError as error:
-            assert "\n" not in str(error), (number, error)  # noqa: PT017
-            taken[False] += 1
+            said = str(error)
+        assert "\n" not in said, (number, said)
+        taken[not said] += 1
         (folder / name).write_bytes(good.files[name])
     return taken
 
@@ -123,7 +124,7 @@ def test_many_broken_compensations_are_refused_in_words(good: Good, tmp_path: Pa
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_many_broken_files_end_in_order(name: str, good: Good, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
-    """10 000 of them: the same; and every kind of file can be broken so that it is refused."""
+    """10 000 of them: the same; every kind but meshes, for which simple shapes stand, can be broken so that it is refused."""
     count = int(os.environ.get("URDFCAL_MUTATIONS", "10000"))
     codes, wrong, slowest = break_files(-(-count // len(COMMANDS)), name, good, run_cli, tmp_path)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024

@@ -267,3 +267,20 @@ def test_noise_beyond_numbers_is_no_error_of_ours(noise: tuple[str, str], run_cl
     done = run_cli("fit", "small.urdf", "a.csv", *FIT, "--schedule", "paper", "--max-sweeps", "5", *noise)
     assert done.code in (0, 2, 3), done.err
     assert "Warning" not in done.err
+
+
+def test_python_is_told_of_a_mixed_pair(run_cli: Run, cell: Path) -> None:
+    """Of a URDF, and of a calibration, whose partner was written by another run; not of a pair that belongs together."""
+    assert run_cli("fit", "small.urdf", "a.csv", *FIT).code == 0
+    urdfcal.load_robot("small_calibrated.urdf")
+    urdfcal.load_calibration("small_calibration.yaml")
+    with (cell / "small_calibrated.urdf").open("a") as stream:
+        stream.write("<!-- edited -->\n")
+    model = urdfcal.load_robot("small.urdf").model
+    for load in (
+        lambda: urdfcal.load_robot("small_calibrated.urdf"),
+        lambda: urdfcal.load_calibration("small_calibration.yaml"),
+        lambda: urdfcal.apply(model, "small_calibration.yaml"),
+    ):
+        with pytest.warns(UserWarning, match="are a mixed pair"):
+            load()

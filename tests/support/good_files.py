@@ -191,8 +191,8 @@ def _ur_kinematics(folder: Path) -> bytes:
 
 def _paint(folder: Path) -> None:
     picture = cv2.imread(str(folder / "pictures" / "1.png"))
-    for ending in ENDINGS:
-        cv2.imwrite(str(folder / f"p.{ending}"), picture)
+    for ending in ENDINGS:  # the others need no camera: a part will do
+        cv2.imwrite(str(folder / f"p.{ending}"), picture if ending == "png" else picture[70:140, 100:180])
     cv2.imwrite(str(folder / "marked.png"), picture)
     cv2.imwrite(str(folder / "part.png"), np.full((4, 4, 3), 90, np.uint8))
     for name, tilt in zip(VIEWS, (-20, 0, 25), strict=True):

@@ -92,14 +92,15 @@ def _answer(request: bytes, path: Path, limit: XacroLimit) -> Any:
     except subprocess.TimeoutExpired:
         raise RobotError(f"xacro: not expanded after {limit.seconds:g} s{_WAY_OUT}", path) from None
     except ValueError:  # no answer: killed, or ended by the file's own Python
-        raise RobotError(f"xacro: its process ended without a result ({_ending(child.wait())})", path) from None
+        raise RobotError(f"xacro: its process ended without a result ({ending(child.wait())})", path) from None
     finally:
         with contextlib.suppress(OSError):  # what it started goes with it
             os.killpg(child.pid, signal.SIGKILL)
         child.communicate()
 
 
-def _ending(code: int) -> str:
+def ending(code: int) -> str:
+    """How a process ended, in words."""
     return f"exit code {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
 
 

@@ -115,7 +115,7 @@ class MeshFiles:
     def _check_collada(self, path: Path) -> int:
         """Its corners; its textures are kept."""
         if str(path) not in self.textures:
-            found = scan_collada(path.read_bytes())
+            found = scan_collada(_text(path))
             self.textures[str(path)] = self._pictures(found.pictures, path.parent) if found.well_formed else None
             self._corners_of[str(path)] = found.corners
         return self._corners_of[str(path)]
@@ -151,7 +151,7 @@ class MeshFiles:
 
     def _check_obj(self, path: Path) -> int:
         """Its corners; refuse what Assimp would open beside it and is not the robot's own. A library that is missing does no harm."""
-        content = re.sub(rb"\\\r?\n", b" ", path.read_bytes()).translate(_LINE_ENDS)
+        content = re.sub(rb"\\\r?\n", b" ", _text(path)).translate(_LINE_ENDS)
         corners = sum(len(face.split()) for face in _FACE.findall(content))
         if not corners:
             raise RobotError("has no faces")
@@ -170,6 +170,16 @@ class MeshFiles:
 
 class _Missing(RobotError):
     """A file that is not there."""
+
+
+def _text(path: Path) -> bytes:
+    """The bytes of a mesh in words. meshcat hands them to the browser as text, and takes no other encoding."""
+    content = path.read_bytes()
+    try:
+        content.decode()
+    except UnicodeDecodeError as error:
+        raise RobotError(f"is not UTF-8 text (byte {error.start})") from None
+    return content
 
 
 def _check_stl(path: Path) -> int:

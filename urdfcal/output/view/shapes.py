@@ -20,6 +20,7 @@ from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Matrix, Vector
 from urdfcal.base.native import native_stderr
 from urdfcal.output.view.light_meshes import light_meshes
+from urdfcal.output.view.mesh_child import faults
 from urdfcal.output.view.mesh_files import MeshFiles, Textures
 from urdfcal.output.view.shape_sizes import LARGEST, grey_where_no_colour, pass_over_textures, size_fault
 from urdfcal.robot.pinocchio_model import without_its_source
@@ -92,9 +93,10 @@ def robot_shapes(robot: Robot) -> Shapes:
     unreadable, named = "", _named(root)
     with light_meshes(root, files.triangles) as lighter:
         textures = {new: files.textures.get(old) for old, new in zip(named, _named(root), strict=True)}
+        bare |= _remove_unreadable(root, reasons)
         try:
-            model, unread = _readable(robot, root, reasons)
-            bare |= unread | _without_endless(robot, model, reasons)
+            model = _from_urdf(robot, root)
+            bare |= _without_endless(robot, model, reasons)
         except (ValueError, RuntimeError) as error:
             model, bare = pin.GeometryModel(), set(robot.tree.links)
             unreadable = f"the robot is drawn by simple shapes, since its meshes cannot be read: {without_its_source(str(error))}"
@@ -178,30 +180,21 @@ def _from_urdf(robot: Robot, root: etree._Element) -> Any:
         return pin.buildGeomFromUrdfString(robot.model, for_pinocchio(root, shapes=True), pin.GeometryType.VISUAL)
 
 
-def _readable(robot: Robot, root: etree._Element, reasons: _Reasons) -> tuple[Any, set[str]]:
-    """The shapes that can be read, and the links of the others, whose meshes one after the other is then asked."""
-    try:
-        return _from_urdf(robot, root), set()
-    except (ValueError, RuntimeError):
-        bare = _remove_unreadable(root, reasons)
-        return _from_urdf(robot, root), bare
-
-
 def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
-    import coal
-
-    bare: set[str] = set()
-    for link in root.findall("link"):
-        for visual, mesh in [(each, mesh) for each in link.findall("visual") for mesh in each.findall("geometry/mesh")]:
-            path = Path(mesh.get("filename", ""))
-            try:
-                with native_stderr():
-                    coal.MeshLoader().load(str(path), np.ones(3))
-            except (ValueError, RuntimeError) as error:
-                link.remove(visual)
-                bare.add(link.get("name", ""))
-                why = without_its_source(str(error)).removesuffix("Hint: the mesh directory may be wrong.")
-                reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
+    """Take out the meshes that Assimp cannot read, and give their links back."""
+    meshes = [
+        (link, visual, Path(mesh.get("filename", "")))
+        for link in root.findall("link")
+        for visual in link.findall("visual")
+        for mesh in visual.findall("geometry/mesh")
+    ]
+    unreadable, bare = faults(path for _, _, path in meshes), set[str]()
+    for link, visual, path in meshes:
+        if path in unreadable:
+            link.remove(visual)
+            bare.add(link.get("name", ""))
+            why = without_its_source(unreadable[path]).removesuffix("Hint: the mesh directory may be wrong.")
+            reasons["meshes are drawn as simple shapes"].append(f"{path.name} cannot be read: {why.strip()}")
     return bare
 
 

@@ -32,6 +32,7 @@ _LEAST_CHARUCO = 6
 _WINDOW = 0.3  # of the distance to the next corner
 _SHORTEST_PX = 16  # OpenCV fails on less, and no board can be seen in it
 _LONGEST_PX = 1600  # larger pictures are shrunk for finding the board, not for measuring it
+_HINT_PX = 640  # the same for guessing its size: 26 sizes are tried
 _LEAST_WINDOW_PX, _MOST_WINDOW_PX = 2, 11
 _QUICK = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK  # without the check eight seconds of noise
 _SECTORS = cv2.CALIB_CB_NORMALIZE_IMAGE
@@ -94,6 +95,7 @@ class Chessboard:
 
     def other_size(self, picture: Grey) -> Chessboard | None:
         """A whole board that has a few corners more or fewer than this one, if there is one: counting goes wrong easily."""
+        picture = _shrunk(picture, _HINT_PX)
         shifts = sorted(((across, down) for across in _NEAR for down in _NEAR), key=lambda shift: abs(shift[0]) + abs(shift[1]))
         for across, down in [(-1, -1), *shifts]:
             board = Chessboard(self.columns + across, self.rows + down, self.square)
@@ -106,8 +108,8 @@ class Chessboard:
         """Rough corners (rows, columns, 2) in pixels; `thorough` takes a second or two where there is no board, else a quarter of one."""
         if min(picture.shape) < _SHORTEST_PX:
             return None
-        shrink = max(1.0, max(picture.shape) / _LONGEST_PX)
-        small = picture if shrink == 1 else cv2.resize(picture, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+        small = _shrunk(picture, _LONGEST_PX)
+        shrink = picture.shape[1] / small.shape[1]
         pattern = (self.columns, self.rows)
         found, corners = cv2.findChessboardCorners(small, pattern, flags=_QUICK) if thorough else (False, None)
         if not found:
@@ -134,6 +136,13 @@ class Chessboard:
         as_board = np.asarray((levels > (one + other) / 2) == np.where(even, one > other, other > one))
         on = as_board & inside
         return any(bool(side[1:-1].all()) for side in (on[0], on[-1], on[:, 0], on[:, -1]))
+
+
+def _shrunk(picture: Grey, longest: int) -> Grey:
+    """A picture whose longer side has at most so many pixels."""
+    shrink = max(1.0, max(picture.shape) / longest)
+    small = picture if shrink == 1 else cv2.resize(picture, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8)
 
 
 @dataclass(frozen=True)
