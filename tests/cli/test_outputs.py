@@ -129,10 +129,27 @@ def test_what_was_measured_is_not_simulated_over(run_cli: Run, cell: Path) -> No
     simulate = ("simulate", "small.urdf", "--poses", "5", "-o")
     assert run_cli(*simulate, "a.csv").code == 0
     (cell / "m.csv").write_text("turn\n0.1\n")
-    refused(run_cli, cell, "m.csv: is there already and is no result of urdfcal simulate; --overwrite", *simulate, "m.csv")
+    refused(run_cli, cell, "m.csv: is there already and is no result of urdfcal simulate", *simulate, "m.csv")
     (cell / "n_truth.yaml").write_text("mine: 1\n")
     refused(run_cli, cell, "n_truth.yaml: is there already", *simulate, "n.csv")
     assert run_cli(*simulate, "m.csv", "--overwrite").code == 0
+    (cell / "small.urdf").write_text(URDF.replace('"0.3 0 0"', '"0.31 0 0"'))
+    refused(run_cli, cell, "a_truth.yaml: is there already and is no result of urdfcal simulate for this robot", *simulate, "a.csv")
+
+
+def test_a_page_of_other_files_stays(run_cli: Run, cell: Path) -> None:
+    """The page of the same files is made again, that of others is left."""
+    view = ("view", "small.urdf", "--html", "v.html")
+    assert (run_cli(*view).code, run_cli(*view).code) == (0, 0)
+    refused(
+        run_cli,
+        cell,
+        "v.html: is there already and is no page that urdfcal view has made of the same files",
+        *view,
+        "--calibrated",
+        "a_truth.yaml",
+    )
+    assert run_cli(*view, "--calibrated", "a_truth.yaml", "--overwrite").code == 0
 
 
 def test_apply_replaces_the_same_alone(run_cli: Run, cell: Path) -> None:
@@ -216,8 +233,8 @@ def test_the_record_tells_a_mixed_pair(run_cli: Run, cell: Path) -> None:
     commands = [
         ("evaluate", urdf.name, "a.csv"),
         ("apply", "small.urdf", record.name, "-o", "again.urdf"),
-        ("view", "small.urdf", "--calibrated", urdf.name, "--html", "v.html"),
-        ("view", "small.urdf", "--calibrated", record.name, "--html", "v.html"),
+        ("view", "small.urdf", "--calibrated", urdf.name, "--html", "v.html", "--overwrite"),
+        ("view", "small.urdf", "--calibrated", record.name, "--html", "w.html", "--overwrite"),
         ("dh", "small.urdf", "--calibration", record.name),
         ("fit", urdf.name, "a.csv", *FIT[:-1], "--after", record.name, "--force"),
     ]

@@ -273,7 +273,4 @@ Overwrite = Annotated[
     bool,
     typer.Option("--overwrite", help="Also replace files that are no earlier result of the same inputs; never an input, never a device."),
 ]
-OverwriteForeign = Annotated[
-    bool, typer.Option("--overwrite", help="Also replace files that this command has not written; never an input, never a device.")
-]
 Output = Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Where to write.", show_default=False)]

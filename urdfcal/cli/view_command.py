@@ -16,7 +16,7 @@ from urdfcal.cli.options import (
     CameraOption,
     Json,
     Lasers,
-    OverwriteForeign,
+    Overwrite,
     PackageDirs,
     Quiet,
     Reference,
@@ -94,7 +94,7 @@ def view(
             show_default=False,
         ),
     ] = None,
-    overwrite: OverwriteForeign = False,
+    overwrite: Overwrite = False,
     no_open: Annotated[bool, typer.Option("--no-open", help="Open no browser.")] = False,
     screen: Screen = None,
     laser: Lasers = None,
@@ -112,7 +112,7 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
-    from urdfcal.output.replaced import require_marked
+    from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.output.view.server import require_address
     from urdfcal.output.view.viewer import view_of
 
@@ -121,14 +121,14 @@ def view(
     address = (_HOST if host is None else host, _PORT if port is None else port)
     require_address(*address)
     require_no_json(as_json, html)
-    rig_file = rig_file_of(rig, reference_known, target_known)
+    rig_file, shown = rig_file_of(rig, reference_known, target_known), (robot, measurements, calibrated, rig, camera)
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet), None
     if html is not None:
         html = named(html, f"{arm.description.stem}.html")
-        require_places(html, inputs=(robot, measurements, calibrated, rig, camera))
+        require_places(html, inputs=shown)
         require_ending("--html", html, (".html", ".htm"), "a page")
         if not overwrite:
-            require_marked(html, ('id="urdfcal-scene"',), "page of urdfcal view")
+            require_marked(html, ('id="urdfcal-scene"', inputs_sha256(shown)), "page that urdfcal view has made of the same files")
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
     other, bending = (None, None) if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
@@ -140,7 +140,7 @@ def view(
     if html is None:
         _serve(seen, *address, no_open, as_json, quiet)
         return
-    page = seen.html.encode()
+    page = f"{seen.html}<!-- of {inputs_sha256(shown)} -->\n".encode()
     deliver({html: page})
     size = len(page)
     finish({"html": str(html), "bytes": size} if as_json else None, f"wrote {html} ({size / 1e6:.1f} MB)", quiet)
