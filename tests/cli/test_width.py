@@ -31,12 +31,13 @@ CHANGED = {
     "apply": f"{COMMANDS['apply'].example} --overwrite",
     "measurements": "urdfcal measurements robot.urdf tracker.csv --target left_arm_tool_flange_link",
     "dh": "urdfcal dh robot.urdf --tip left_arm_tool_flange_link",
+    "rig": "urdfcal rig robot.urdf --tip left_arm_tool_flange_link --screen 1.3,0,0.5 --prefix two_ -o cell.urdf",
     "correct": "urdfcal correct robot.urdf targets.csv --calibration robot_calibration.yaml -o out.csv",
     "compare": "urdfcal compare robot.urdf robot_calibration.yaml",
     "import": "urdfcal import robot.urdf robot_calibrated.urdf -o imported.yaml",
     "fit": "urdfcal fit robot.urdf measured.csv -o robot_calibrated.urdf --overwrite",
 }
-ORDER = "measurements check fit evaluate apply compare import correct dh view simulate markers render spots module version".split()
+ORDER = "rig measurements check fit evaluate apply compare import correct dh view simulate markers render spots module version".split()
 ELSEWHERE = {"camera", "paper"}  # views of a board, and the paper's runs, take as long as all the others; their own tests look at them
 
 

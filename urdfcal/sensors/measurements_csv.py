@@ -60,13 +60,20 @@ def read_measurements(
         RigError: a link that is needed is not there, or not where it can be.
     """
     table = read_named_table(path, robot, target)
-    return replace(measurements_of(table, robot, reference, camera, boards), source=str(path), lines=np.array(table.lines))
+    return measurements_of(table, robot, reference, camera, boards, source=str(path))
 
 
 def measurements_of(
-    table: Table, robot: Robot, reference: str | None = None, camera: Any = None, boards: Mapping[str, Grid] | None = None
+    table: Table,
+    robot: Robot,
+    reference: str | None = None,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
+    source: str = "",
 ) -> Measurements:
     """Measurements from a table with our names for its columns, wherever it comes from; arguments as for `read_measurements`.
+
+    The source is the file that it stands in, if it does, by whose lines poses are named.
 
     Raises:
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
@@ -93,6 +100,8 @@ def measurements_of(
         time=facts.time,
         temperature=facts.temperature,
         series=f"{table.path} {table.sha256}" if table.sha256 else uuid4().hex,
+        source=source,
+        lines=np.array(table.lines) if source else None,
     )
     return replace(data, warnings=(*data.warnings, *beyond_the_screen(columns.robot, data)))
 
