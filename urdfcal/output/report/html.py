@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from typing import Any
 
 from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.content import Report
@@ -29,17 +30,13 @@ def page(report: Report, calibration: FitResult) -> str:
     drawn = defaultdict(list)
     for picture in pictures(report, calibration):
         drawn[picture.gallery].append(picture)
-    return filled_template(
-        "urdfcal.output.report",
-        "report.html.j2",
-        report=report,
-        pictures=drawn,
-        marks=_MARKS,
-        kind=_kind,
-        parts=_parts,
-        pieces=_pieces,
-        percent=_percent,
-    )
+    return filled_page("report.html.j2", report=report, pictures=drawn)
+
+
+def filled_page(name: str, **content: Any) -> str:
+    """A page from a template beside the report's own, with what its parts need."""
+    known = {"marks": _MARKS, "kind": _kind, "parts": _parts, "pieces": _pieces, "percent": _percent}
+    return filled_template("urdfcal.output.report", name, **known, **content)
 
 
 def pictures(report: Report, calibration: FitResult) -> list[Picture]:
