@@ -7,7 +7,7 @@ import resource
 import time
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +28,10 @@ def kept() -> dict[str, Good]:
 @pytest.fixture
 def small_paper(monkeypatch: pytest.MonkeyPatch) -> None:
     """The paper's simulation with a few poses and one reading of each."""
-    from urdfcal.simulation import paper
+    from urdfcal.simulation import study
 
-    monkeypatch.setattr(paper, "HALF", 8)
-    monkeypatch.setattr(paper, "PROTOCOLS", {"one reading": 1})
-    monkeypatch.setattr(paper, "fit", partial(paper.fit, max_sweeps=20))
+    small = replace(study.SECTION_4, half=8, protocols={"one reading": 1}, max_sweeps=20)
+    monkeypatch.setitem(study.STUDIES, 4, small)
 
 
 @pytest.fixture

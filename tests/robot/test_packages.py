@@ -10,7 +10,7 @@ import pytest
 import urdfcal
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.base.errors import RobotError
-from urdfcal.cli.inputs import arm7_file
+from urdfcal.cli.inputs import papers_arm
 from urdfcal.robot.packages import find_package, is_at_home, resolve_uri
 
 
@@ -140,7 +140,7 @@ def test_our_own_macros_are_in_the_package_or_beside_it(beside: str, tmp_path: P
         find_package("urdfcal")
     (tmp_path / beside / "robots").symlink_to(ROBOTS_DIR)
     assert find_package("urdfcal") == tmp_path / beside
-    assert arm7_file() == tmp_path / beside / "robots" / "arm7" / "arm7.urdf.xacro"
+    assert papers_arm("arm7") == tmp_path / beside / "robots" / "arm7" / "arm7.urdf.xacro"
 
 
 @pytest.mark.parametrize("name", ["", ".", "..", "../etc", "a/b"])

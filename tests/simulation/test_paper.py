@@ -12,31 +12,38 @@ from tests.conftest import CliResult
 from urdfcal.base.terminal import as_text
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
-from urdfcal.output.text.paper import paper_blocks, paper_json
+from urdfcal.output.text.paper import paper_json, study_blocks
 from urdfcal.robot.robot import Robot
-from urdfcal.simulation.paper import Line, cases, paper_poses, paper_tables, paper_truth
+from urdfcal.simulation.paper import Line, Repeated, repeat
+from urdfcal.simulation.study import SECTION_4, Study, cases, paper_poses, paper_truth
 
 
 @pytest.fixture(scope="module")
-def lines(robots: dict[str, Robot]) -> list[Line]:
+def repeated(robots: dict[str, Robot]) -> Repeated:
     """One draw."""
-    return paper_tables(robots["arm7"], runs=1, seed=1)
+    return repeat(robots["arm7"], SECTION_4, runs=1, seed=1)
+
+
+@pytest.fixture(scope="module")
+def lines(repeated: Repeated) -> list[Line]:
+    """Its tables."""
+    return repeated.lines
 
 
 def test_the_command_prints_both_tables_wherever_it_is_called_from(
-    lines: list[Line], monkeypatch: pytest.MonkeyPatch, run_cli: Callable[..., CliResult]
+    repeated: Repeated, monkeypatch: pytest.MonkeyPatch, run_cli: Callable[..., CliResult]
 ) -> None:
     """`paper` without an argument finds its arm, that of the paper, from a folder without robots, and prints every line."""
     asked: list[str] = []
 
-    def tables(robot: Robot, runs: int, seed: int, advance: object) -> list[Line]:
-        asked.append(f"{robot.name}, {runs} run, seed {seed}")
-        return lines
+    def tables(robot: Robot, study: Study, runs: int, seed: int, advance: object) -> Repeated:
+        asked.append(f"{robot.name}, section {study.section}, {runs} run, seed {seed}")
+        return repeated
 
-    monkeypatch.setattr("urdfcal.simulation.paper.paper_tables", tables)
+    monkeypatch.setattr("urdfcal.simulation.paper.repeat", tables)
     done = run_cli("paper", "--runs", "1", "--json")
-    assert (done.code, done.err, asked) == (0, "", ["arm7, 1 run, seed 0"])
-    assert len(json.loads(done.out)["lines"]) == len(lines) == 35
+    assert (done.code, done.err, asked) == (0, "", ["arm7, section 4, 1 run, seed 0"])
+    assert len(json.loads(done.out)["lines"]) == len(repeated.lines) == 35
 
 
 def mean_to_true(lines: list[Line], protocol: str, estimator: str, case: int, poses: str) -> float:
@@ -83,10 +90,10 @@ def test_poses_over_the_whole_workspace_generalise(lines: list[Line]) -> None:
     assert mean_to_true(lines, "mean of 100", "EKF", 1, "test") > 3 * mean_to_true(lines, "mean of 100", "EKF", 2, "test")
 
 
-def test_the_tables_hold_published_and_own_figures(lines: list[Line]) -> None:
+def test_the_tables_hold_published_and_own_figures(repeated: Repeated) -> None:
     """Both reports name every case and the published figures; nothing is cut off."""
-    text = as_text(paper_blocks(lines, 1))
+    text = as_text(study_blocks(repeated))
     assert "0.12/0.04/0.23" in text
     assert "84.1/4.54/96.0" in text
     assert "…" not in text
-    assert len(paper_json(lines)["lines"]) == 5 + 2 * 3 * 5
+    assert len(paper_json([repeated])["lines"]) == 5 + 2 * 3 * 5

@@ -54,7 +54,9 @@ COMMANDS = {
     "simulate": Described(
         "Simulate measurements of a robot with known errors.", "urdfcal simulate robot.urdf -o try.csv --sensor point:tool0", TRYING
     ),
-    "paper": Described("Repeat the paper's simulation, Tables II and III.", "urdfcal paper --runs 5", TRYING),
+    "paper": Described(
+        "Repeat the paper's tables beside the published ones.", "urdfcal paper --report paper.html --latex tables.tex", TRYING
+    ),
     "camera": Described(
         "Calibrate a camera: its lens, and where the screen is.",
         "urdfcal camera views/ --screen screen.png --markers screen.yaml -o camera.yaml",

@@ -425,8 +425,8 @@ def expanded_note(robot: Robot) -> str:
     return f" (the URDF is the expanded {robot.description.path.name})" if robot.description.expanded else ""
 
 
-def arm7_file() -> Path:
-    """The arm of Table I, which comes along."""
+def papers_arm(name: str) -> Path:
+    """One of the paper's arms, which come along: arm7 of Table I, arm4 of Table IV."""
     from urdfcal.robot.packages import own_package
 
-    return own_package() / "robots" / "arm7" / "arm7.urdf.xacro"
+    return own_package() / "robots" / name / f"{name}.urdf.xacro"

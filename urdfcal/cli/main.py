@@ -27,9 +27,10 @@ from urdfcal.cli.import_command import import_
 from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
+from urdfcal.cli.paper_command import paper
 from urdfcal.cli.render_command import render
 from urdfcal.cli.rig_command import rig
-from urdfcal.cli.simulate_commands import SimulateCommand, paper, simulate
+from urdfcal.cli.simulate_commands import SimulateCommand, simulate
 from urdfcal.cli.spots_command import spots
 from urdfcal.cli.streams import about_stdout, drop_stdout, our_streams, require_written, settle, unprinted
 from urdfcal.cli.usage import usage_words

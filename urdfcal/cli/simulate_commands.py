@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import UsageError
-from urdfcal.cli.console import ProgressBar, finish, say, show, warn
+from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.help import EXPERT, OurCommand
 from urdfcal.cli.inputs import (
     about,
-    arm7_file,
     camera_of,
     listed,
     load,
@@ -379,30 +378,3 @@ def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None, boards
         lengths = ", ".join(f"'{pair}': {length * 1e3:.3f}" for pair, length in apart.items())
         lines.append(f"true distances, for a rig.yaml: sockets: {{distances_mm: {{{lengths}}}}}")
     return lines
-
-
-def paper(
-    robot: Annotated[
-        Path | None,
-        typer.Argument(metavar="ROBOT", help="The arm of Table I. Default: the one that comes with urdfcal.", show_default=False),
-    ] = None,
-    runs: Annotated[int, typer.Option(min=1, max=_MOST_RUNS, help="Draws of poses and noise that are averaged.")] = 5,
-    screen: Screen = None,
-    laser: Lasers = None,
-    xacro_arg: XacroArgs = None,
-    xacro_limit: XacroLimits = None,
-    package_dir: PackageDirs = None,
-    seed: Seed = 0,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-) -> None:
-    """Repeat the paper's simulation: Tables II and III beside the published values."""
-    from urdfcal.output.text.paper import paper_blocks, paper_json
-    from urdfcal.simulation.paper import paper_tables
-
-    arm = load(robot or arm7_file(), xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
-    say(verbose, about(arm))
-    with ProgressBar("simulating", runs, quiet or as_json) as advance:
-        lines = paper_tables(arm, runs, seed, advance)
-    show(paper_json(lines) if as_json else None, paper_blocks(lines, runs))
