@@ -9,21 +9,20 @@ two, in the measuring frame's axes at the measuring frame's origin:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
-from urdfcal.base.rotations import skew
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
-from urdfcal.model.error_model import ErrorModel, Placements
-from urdfcal.model.jacobian import CHUNK, ArmKinematics, ArmMotion, motion_at
-from urdfcal.robot.chain import Chain
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
+from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
@@ -93,32 +92,41 @@ class Channel:
 
     def view(self, motion: ArmMotion, rows: Rows, x: Vector) -> View:
         """The target as the measuring frame sees it at some poses."""
-        p, R = seen_placement(motion.frames, self.target, self.frame)
+        p, R = motion.seen(self.target, self.frame)
+        if not self._places:
+            return View(p, R, np.empty((len(p), 0)), np.broadcast_to(np.eye(3), R.shape))
         columns = self._place_columns[rows]
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
 
-    def put(self, linearisation: _Numbers, motion: ArmMotion, placed: Placements, rows: Rows, x: Vector) -> None:
-        """Residual, Jacobian and joint Jacobian of some poses at x, into the arrays of all of them."""
-        measured = self.readings.measured[rows]
+    def look(self, linearisation: _Numbers, g: Array3, motion: ArmMotion, rows: Rows, x: Vector) -> Callable[[], None] | None:
+        """Residual of some poses at x into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
+
+        Returns:
+            What adds derivatives by parameters that are none of the arm's, once the arm's are there; None if there are no such.
+        """
+        measured, own = self.readings.measured[rows], self.block.columns
         if not measured.any():
-            return
+            return None
+        whole = bool(measured.all())
         look, of_rig = self._look(motion, rows, x)
-        jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
-        jacobian, by_joint = seen_by(jac2, self.errors.chain, motion, placed, self.target, self.frame)
-        columns = self._place_columns[rows]
+        linearisation.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
+        g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
+        if look.lost is not None:
+            linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+        if look.by_place is None and not of_rig.shape[2]:
+            return None
+        return lambda: self._put_beside(linearisation.jacobian, look, of_rig, rows)
+
+    def _put_beside(self, jacobian: Array3, look: Look, of_rig: Array3, rows: Rows) -> None:
+        """Derivatives of some poses by places that they share, and by what the rig does, into the Jacobian of all of them."""
+        measured, columns, own = self.readings.measured[rows], self._place_columns[rows], jacobian[rows, self.block.columns]
         if look.by_place is not None and (columns >= 0).any():
             pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
             by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
-            jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        jacobian[:, :, self._rig_columns] += np.where(measured[..., None], of_rig, 0.0)
-        own = self.block.columns
-        linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
-        linearisation.jacobian[rows, own] = jacobian
-        if linearisation.joint_jacobian.shape[2]:
-            linearisation.joint_jacobian[rows, own] = by_joint
-        if look.lost is not None:
-            linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+            own[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
+        own[:, :, self._rig_columns] += np.where(measured[..., None], of_rig, 0.0)
+        jacobian[rows, self.block.columns] = own
 
     @cached_property
     def _rig_columns(self) -> list[int]:
@@ -144,6 +152,21 @@ class _Numbers:
     joint_jacobian: Array3
     lost: Mask
     blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Part:
+    """Poses of one session that are worked on at once.
+
+    Attributes:
+        session: Which.
+        rows: Which poses.
+        posture: The joints, where none gives way.
+    """
+
+    session: str
+    rows: Rows
+    posture: Posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,15 +233,16 @@ class Problem:
         return np.concatenate(stated, axis=1) if stated else np.empty((len(self.data), 0))
 
     @cached_property
-    def parts(self) -> tuple[tuple[str, Rows], ...]:
-        """Sessions and rows of poses that are worked on at once."""
-        return tuple(part for session in self.errors.sessions for part in self._chunks(session))
+    def parts(self) -> tuple[Part, ...]:
+        """Poses of one session that are worked on at once."""
+        chunks = [(session, rows) for session in self.errors.sessions for rows in self._chunks(session)]
+        return tuple(Part(session, rows, self.arm.posture(self.positions[rows])) for session, rows in chunks)
 
-    def _chunks(self, session: str) -> list[tuple[str, Rows]]:
+    def _chunks(self, session: str) -> list[Rows]:
         if len(self.errors.sessions) == 1:
-            return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
+            return [slice(start, start + CHUNK) for start in range(0, len(self.data), CHUNK)]
         rows = np.flatnonzero(self.data.sessions == session)
-        return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
+        return [rows[start : start + CHUNK] for start in range(0, len(rows), CHUNK)]
 
     @cached_property
     def linearise(self) -> Linearise:
@@ -227,19 +251,16 @@ class Problem:
 
     def _linearised(self, x: Vector) -> Linearisation:
         n, m = self.measured.shape
-        inputs = len(self.data.joints) if self.joints else 0
         linearisation = _Numbers(
             residual=np.zeros((n, m)),
             jacobian=np.zeros((n, m, len(self.errors.names))),
-            joint_jacobian=np.zeros((n, m, inputs)),
+            joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
         )
-        placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
-        for session, rows in self.parts:
-            motion = self.motion(x, placed[session], rows, self.joints)
-            for channel in self.channels:
-                channel.put(linearisation, motion, placed[session], rows, x)
+        arms = {session: PlacedArm(self.arm, self.errors.placements(x, session)) for session in self.errors.sessions}
+        for part in self.parts:
+            self._sweep(linearisation, self._motion(x, arms[part.session], part), part, x)
         linearised = Linearisation(
             linearisation.residual,
             linearisation.jacobian,
@@ -252,15 +273,61 @@ class Problem:
         )
         return _with_known(linearised, self.errors, self.data.lengths, x)
 
-    def motion(self, x: Vector, placed: Placements, rows: Rows, joints: bool = False) -> ArmMotion:
+    def _sweep(self, linearisation: _Numbers, motion: ArmMotion, part: Part, x: Vector) -> None:
+        """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
+        rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
+        g = np.zeros((n, m, 6))
+        beside = [channel.look(linearisation, g, motion, rows, x) for channel in self.channels]
+        by_parameter, by_axis = motion.derivatives(g, axes=self.joints)
+        self._shares[part.session].apply(by_parameter)
+        linearisation.jacobian[rows] = by_parameter.transpose(2, 1, 0)
+        if self.joints:
+            self._axis_shares.apply(by_axis)
+            linearisation.joint_jacobian[rows] = motion.by_inputs(by_axis)
+        for put in filter(None, beside):
+            put()
+
+    @cached_property
+    def _shares(self) -> Mapping[str, Shares]:
+        """By session: whether each parameter moves what each number is of against what it is seen from, (p, m)."""
+        found = {}
+        for session in self.errors.sessions:
+            moves = self.errors.moves(session).astype(float)
+            found[session] = Shares.of([self._against(moves, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
+        return found
+
+    @cached_property
+    def _axis_shares(self) -> Shares:
+        """The same of each moving joint, (moving, m)."""
+        passed = np.array([np.arange(len(self.errors.chain.moving)) < frame.depth for frame in self.errors.chain.frames], dtype=float)
+        return Shares.of([self._against(passed, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
+
+    @staticmethod
+    def _against(moves: Matrix, channel: Channel) -> Vector:
+        return np.asarray(moves[channel.target] - (0.0 if channel.frame is None else moves[channel.frame]))
+
+    def _motion(self, x: Vector, arm: PlacedArm, part: Part) -> ArmMotion:
         """Where everything is at some poses, and how it moves; joints give way as far as the error model has them."""
-        yielding = self.errors.yielding(x, self._soft_basis[rows]) if self._soft_basis is not None else None
-        return motion_at(self.arm, placed, self.positions[rows], joints, yielding)
+        if self._soft_basis is None:
+            return ArmMotion(arm, part.posture)
+        yielding = self.errors.yielding(x, self._soft_basis[part.rows])
+        return ArmMotion(arm, self.arm.posture(self.positions[part.rows], yielding), yielding)
+
+    def motion(self, x: Vector) -> ArmMotion:
+        """The same of all poses at once, as if they were of the first session."""
+        session, rows = self.errors.sessions[0], slice(len(self.data))
+        whole = Part(session, rows, self.arm.posture(self.positions))
+        return self._motion(x, PlacedArm(self.arm, self.errors.placements(x, session)), whole)
+
+    def motions(self, x: Vector) -> Iterator[tuple[Rows, ArmMotion]]:
+        """The same of all poses, by parts: their rows, and the motion."""
+        arms = {session: PlacedArm(self.arm, self.errors.placements(x, session)) for session in self.errors.sessions}
+        for part in self.parts:
+            yield part.rows, self._motion(x, arms[part.session], part)
 
     def views(self, x: Vector) -> tuple[View, ...]:
         """What every channel looks at, at all poses."""
-        placed = {session: self.errors.still_placements(x, session) for session in self.errors.sessions}
-        parts = [(rows, self.motion(x, placed[session], rows)) for session, rows in self.parts]
+        parts = list(self.motions(x))
         order = np.argsort(np.concatenate([np.arange(len(self.data))[rows] for rows, _ in parts])) if parts else np.empty(0, dtype=int)
         return tuple(_joined([channel.view(motion, rows, x) for rows, motion in parts], order) for channel in self.channels)
 
@@ -278,44 +345,10 @@ def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:
     return Problem(errors, data, joints=noise.of_joints)
 
 
-def seen_placement(frames: Array4, target: int, frame: int | None) -> tuple[Matrix, Array3]:
-    """Origin (n, 3) and axes (n, 3, 3) of one of a chain's frames, in another one or in the chain's base."""
-    p, R = frames[target][:, :, 3], frames[target][:, :, :3]
-    if frame is None:
-        return p, R
-    back = frames[frame][:, :, :3].transpose(0, 2, 1)
-    return (back @ (p - frames[frame][:, :, 3])[..., None])[..., 0], back @ R
-
-
-def seen_by(jac2: Array3, chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
-    """Derivatives by parameter (n, m, p) and by measured joint (n, m, inputs) of what jac2 (n, m, 6) has of a frame's twists in another.
-
-    The twists are those of one of a chain's frames in another one, or in the base. Few numbers are seen of many columns: so it is jac2
-    that is brought to the base's origin and axes, and not every column to the measuring frame's.
-    """
-    passed = np.arange(1, motion.axis_twists.shape[2] + 1)
-    share, joints = placed.moves[target].astype(float), (passed <= chain.frames[target].depth).astype(float)
-    if frame is not None:
-        share, joints = share - placed.moves[frame], joints - (passed <= chain.frames[frame].depth)
-    if frame is not None:
-        jac2 = jac2 @ _from_base(motion.frames[frame])
-    by_joint = ((jac2 @ motion.axis_twists) * joints) @ (chain.coupling.T if len(joints) else np.empty((0, 0)))
-    return (jac2 @ motion.jac1) * share, by_joint
-
-
 def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
     """Views of parts of the poses as one of all of them, in their order."""
     p, R, place, axes = (np.concatenate([getattr(part, what) for part in parts])[order] for what in ("p", "R", "place", "axes"))
     return View(p, R, place, axes)
-
-
-def _from_base(frames: Array3) -> Array3:
-    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
-    back = frames[:, :, :3].transpose(0, 2, 1)
-    action = np.zeros((len(frames), 6, 6))
-    action[:, :3, :3] = action[:, 3:, 3:] = back
-    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
-    return action
 
 
 def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:

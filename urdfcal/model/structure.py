@@ -13,7 +13,8 @@ import numpy as np
 
 from urdfcal.base.geometry import Matrix
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, arm_motion
+from urdfcal.model.jacobian import arm_motion
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Kind, Parameter
 from urdfcal.model.slots import Slot
 from urdfcal.robot.chain import Chain

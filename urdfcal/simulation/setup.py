@@ -14,10 +14,10 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
-from urdfcal.calibration.problem import seen_by, seen_placement
 from urdfcal.calibration.reach import ScreenArea
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import SIX
@@ -69,12 +69,13 @@ class SimulatedSetup:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
         errors, chain = self.errors, self.errors.chain
         arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
-        placed = errors.still_placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
+        placed = errors.placements(self.x, session)
+        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
-                seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_by(twists, chain, motion, placed, index, 0)[1]
+                by_axis = motion.axis_derivatives(motion.from_base(twists, 0), index, 0)
+                seen[frame.name] = *motion.seen(index, 0), by_axis
         return motion, seen
 
     def place(self, name: str) -> Vector:
