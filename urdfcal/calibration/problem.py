@@ -19,6 +19,7 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.normal import Summing
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
@@ -29,6 +30,7 @@ from urdfcal.sensors.readings import KnownLength, Readings
 from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
+Known = tuple[float, Vector, float]
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
 
@@ -99,7 +101,7 @@ class Channel:
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
 
-    def look(self, linearisation: _Numbers, g: Array3, motion: ArmMotion, rows: Rows, x: Vector) -> Callable[[], None] | None:
+    def look(self, swept: _Swept, g: Array3, motion: ArmMotion, rows: Rows, x: Vector) -> Callable[[Array3], None] | None:
         """Residual of some poses at x into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
 
         Returns:
@@ -110,23 +112,22 @@ class Channel:
             return None
         whole = bool(measured.all())
         look, of_rig = self._look(motion, rows, x)
-        linearisation.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
+        swept.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
         g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
         if look.lost is not None:
-            linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+            swept.lost[rows, swept.blocks.index(self.block)] = look.lost & measured.any(axis=1)
         if look.by_place is None and not of_rig.shape[2]:
             return None
-        return lambda: self._put_beside(linearisation.jacobian, look, of_rig, rows)
+        return lambda columns: self._put_beside(columns[:, own], look, of_rig, rows)
 
-    def _put_beside(self, jacobian: Array3, look: Look, of_rig: Array3, rows: Rows) -> None:
-        """Derivatives of some poses by places that they share, and by what the rig does, into the Jacobian of all of them."""
-        measured, columns, own = self.readings.measured[rows], self._place_columns[rows], jacobian[rows, self.block.columns]
-        if look.by_place is not None and (columns >= 0).any():
+    def _put_beside(self, columns: Array3, look: Look, of_rig: Array3, rows: Rows) -> None:
+        """Derivatives of some poses by places that they share, and by what the rig does, into those by all parameters, (p, m, n)."""
+        measured, of_place = self.readings.measured[rows], self._place_columns[rows]
+        if look.by_place is not None and (of_place >= 0).any():
             pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
-            by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
-            own[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        own[:, :, self._rig_columns] += np.where(measured[..., None], of_rig, 0.0)
-        jacobian[rows, self.block.columns] = own
+            by_place = np.where(measured[..., None], look.by_place, 0.0) * (of_place >= 0)[:, None]
+            columns[of_place[:, None], number, pose] += by_place  # a held number's -1 gets zeros
+        columns[self._rig_columns] += np.where(measured[..., None], of_rig, 0.0).transpose(2, 1, 0)
 
     @cached_property
     def _rig_columns(self) -> list[int]:
@@ -143,15 +144,29 @@ class Channel:
         return disturbed(self.errors.rig, x[self._rig_columns], self.sensor, view, look, at)
 
 
-@dataclass(frozen=True)
-class _Numbers:
-    """What a linearisation is made of, to be filled by the channels."""
+@dataclass
+class _Swept:
+    """What a linearisation is made of, to be filled by the channels.
+
+    Attributes:
+        residual, joint_jacobian, lost, blocks: As of a `Linearisation`.
+        jacobian: The same; None where sums are taken instead.
+        summing: Takes them; None where the Jacobian is wanted.
+        last: Columns [J r] of the only part, (p + 1, m, n), if there is no other.
+    """
 
     residual: Matrix
-    jacobian: Array3
     joint_jacobian: Array3
     lost: Mask
     blocks: tuple[Block, ...]
+    jacobian: Array3 | None
+    summing: Summing | None
+    last: Array3 | None = None
+
+    @property
+    def whole(self) -> Array3 | None:
+        """The Jacobian, where there is only one part of it."""
+        return None if self.last is None else np.ascontiguousarray(self.last[:-1].transpose(2, 1, 0))
 
 
 @dataclass(frozen=True)
@@ -250,42 +265,77 @@ class Problem:
         return remembering(self._linearised)
 
     def _linearised(self, x: Vector) -> Linearisation:
-        n, m = self.measured.shape
-        linearisation = _Numbers(
+        swept = self._swept(x, summing=not self._dense)
+        known = _known_rows(self.errors, self.data.lengths, x)
+        linearised = _with_known(
+            Linearisation(
+                swept.residual,
+                np.empty((0, *swept.residual.shape[1:], len(x))),
+                swept.joint_jacobian,
+                self.measured,
+                self.stated_sigma,
+                self.blocks,
+                swept.lost,
+                poses=self.data.pose_of if self.data.again else None,
+            ),
+            known,
+        )
+        linearised = replace(linearised, jacobian=lambda: self._jacobian(swept, known, x))
+        if swept.summing is None:
+            return linearised
+        return linearised.with_sums(swept.summing.sums.plus(_products(known)) if known else swept.summing.sums)
+
+    @property
+    def _dense(self) -> bool:
+        """Whether the noise is not a factor a number, so that its sums cannot be taken on the way."""
+        return self.joints or self.data.again
+
+    def _jacobian(self, swept: _Swept, known: Sequence[Known], x: Vector) -> Array3:
+        """The whole Jacobian where sums were taken of it: from the only part, or by another sweep."""
+        whole = swept.jacobian if swept.jacobian is not None else swept.whole
+        if whole is None:
+            whole = self._swept(x, summing=False).jacobian
+            assert whole is not None
+        return np.concatenate([whole, _stacked(known, *whole.shape[1:])]) if known else whole
+
+    def _swept(self, x: Vector, summing: bool) -> _Swept:
+        """One sweep over all poses: sums of what is read, or the whole Jacobian."""
+        n, m, p = *self.measured.shape, len(self.errors.names)
+        swept = _Swept(
             residual=np.zeros((n, m)),
-            jacobian=np.zeros((n, m, len(self.errors.names))),
             joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
+            jacobian=None if summing else np.empty((n, m, p)),
+            summing=Summing(p, self._kinds, self.stated_sigma) if summing else None,
         )
-        arms = {session: PlacedArm(self.arm, self.errors.placements(x, session)) for session in self.errors.sessions}
-        for part in self.parts:
-            self._sweep(linearisation, self._motion(x, arms[part.session], part), part, x)
-        linearised = Linearisation(
-            linearisation.residual,
-            linearisation.jacobian,
-            linearisation.joint_jacobian,
-            self.measured,
-            self.stated_sigma,
-            self.blocks,
-            linearisation.lost,
-            poses=self.data.pose_of if self.data.again else None,
-        )
-        return _with_known(linearised, self.errors, self.data.lengths, x)
+        for part, motion in self._motions(x):
+            self._sweep(swept, motion, part, x)
+        return swept
 
-    def _sweep(self, linearisation: _Numbers, motion: ArmMotion, part: Part, x: Vector) -> None:
+    def _sweep(self, swept: _Swept, motion: ArmMotion, part: Part, x: Vector) -> None:
         """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
         rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
         g = np.zeros((n, m, 6))
-        beside = [channel.look(linearisation, g, motion, rows, x) for channel in self.channels]
-        by_parameter, by_axis = motion.derivatives(g, axes=self.joints)
-        self._shares[part.session].apply(by_parameter)
-        linearisation.jacobian[rows] = by_parameter.transpose(2, 1, 0)
+        beside = [channel.look(swept, g, motion, rows, x) for channel in self.channels]
+        columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
+        self._shares[part.session].apply(columns)
+        for put in filter(None, beside):
+            put(columns)
+        if swept.jacobian is not None:
+            swept.jacobian[rows] = columns[:-1].transpose(2, 1, 0)
+        if swept.summing is not None:
+            columns[-1] = swept.residual[rows].T
+            swept.summing.add(columns, rows)
+            swept.last = columns if len(self.parts) == 1 else None
         if self.joints:
             self._axis_shares.apply(by_axis)
-            linearisation.joint_jacobian[rows] = motion.by_inputs(by_axis)
-        for put in filter(None, beside):
-            put()
+            swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
+
+    @cached_property
+    def _kinds(self) -> npt.NDArray[np.intp]:
+        """Index of the noise of each number of a pose, (m,)."""
+        return np.array([channel.block.kind for channel in self.channels for _ in range(channel.sensor.numbers)], dtype=np.intp)
 
     @cached_property
     def _shares(self) -> Mapping[str, Shares]:
@@ -319,11 +369,16 @@ class Problem:
         whole = Part(session, rows, self.arm.posture(self.positions))
         return self._motion(x, PlacedArm(self.arm, self.errors.placements(x, session)), whole)
 
-    def motions(self, x: Vector) -> Iterator[tuple[Rows, ArmMotion]]:
-        """The same of all poses, by parts: their rows, and the motion."""
+    def _motions(self, x: Vector) -> Iterator[tuple[Part, ArmMotion]]:
+        """The same of all poses, by parts."""
         arms = {session: PlacedArm(self.arm, self.errors.placements(x, session)) for session in self.errors.sessions}
         for part in self.parts:
-            yield part.rows, self._motion(x, arms[part.session], part)
+            yield part, self._motion(x, arms[part.session], part)
+
+    def motions(self, x: Vector) -> Iterator[tuple[Rows, ArmMotion]]:
+        """The same, with the rows of the poses."""
+        for part, motion in self._motions(x):
+            yield part.rows, motion
 
     def views(self, x: Vector) -> tuple[View, ...]:
         """What every channel looks at, at all poses."""
@@ -351,24 +406,40 @@ def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
     return View(p, R, place, axes)
 
 
-def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
-    """The same with what is known beforehand as further rows: distances between places, and a sum of parameters that is held.
+def _known_rows(errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> list[Known]:
+    """What is known beforehand: distances between places, a sum of parameters that is held, and what an earlier calibration decided.
 
-    Each stands in the first number of its row.
+    Residual, gradient and standard deviation of each.
     """
     known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
-    known += [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
+    return known + [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
+
+
+def _products(known: Sequence[Known]) -> Matrix:
+    """[J r]'[J r] of what is known beforehand, whitened, (p + 1, p + 1)."""
+    rows = np.array([np.append(gradient, left) / deviation for left, gradient, deviation in known])
+    return np.asarray(rows.T @ rows)
+
+
+def _stacked(known: Sequence[Known], m: int, p: int) -> Array3:
+    """Gradients of what is known beforehand, each in the first number of its row, (rows, m, p)."""
+    rows = np.zeros((len(known), m, p))
+    rows[:, 0] = [gradient for _, gradient, _ in known]
+    return rows
+
+
+def _with_known(linearisation: Linearisation, known: Sequence[Known]) -> Linearisation:
+    """The same with what is known beforehand as further rows, but for the Jacobian where that is not worked out yet."""
     if not known:
         return linearisation
-    rows, m, p = len(known), linearisation.residual.shape[1], len(x)
-    residual, jacobian, sigma = np.zeros((rows, m)), np.zeros((rows, m, p)), np.full((rows, m), np.nan)
-    for row, (left, gradient, deviation) in enumerate(known):
-        residual[row, 0], jacobian[row, 0], sigma[row, 0] = left, gradient, deviation
+    rows, m = len(known), linearisation.residual.shape[1]
+    residual, sigma = np.zeros((rows, m)), np.full((rows, m), np.nan)
+    for row, (left, _, deviation) in enumerate(known):
+        residual[row, 0], sigma[row, 0] = left, deviation
     return replace(
         linearisation,
         known=rows,
         residual=np.vstack([linearisation.residual, residual]),
-        jacobian=np.concatenate([linearisation.jacobian, jacobian]),
         joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),
         measured=np.vstack([linearisation.measured, ~np.isnan(sigma)]),
         stated_sigma=np.vstack([linearisation.stated_sigma, sigma]),

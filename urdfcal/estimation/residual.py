@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.estimation.normal import Summing, Sums
 
 Kinds = npt.NDArray[np.intp]
 Linearise = Callable[[Vector], "Linearisation"]
@@ -39,7 +40,7 @@ class Linearisation:
 
     Attributes:
         residual: m - h(x), (n, m), 0 where nothing was measured.
-        jacobian: (n, m, p), 0 where nothing was measured.
+        jacobian: (n, m, p), 0 where nothing was measured; where a function was given in its place, worked out when it is first wanted.
         joint_jacobian: Derivative by the measured joints, (n, m, inputs).
         measured: Which of the m numbers of each pose were measured, (n, m).
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
@@ -51,7 +52,7 @@ class Linearisation:
     """
 
     residual: Matrix
-    jacobian: Array3
+    jacobian: Any
     joint_jacobian: Array3
     measured: Any
     stated_sigma: Matrix
@@ -163,11 +164,45 @@ class Linearisation:
         """How many numbers were measured; several readings of one pose are one."""
         return round(float(np.sum(self.shares)))
 
+    @cached_property
+    def sums(self) -> Sums:
+        """Its normal equations by kind of noise; every number for itself, also where poses were read several times."""
+        n, jacobian = len(self.residual) - self.known, self.jacobian
+        summing = Summing(jacobian.shape[2], self.kinds, self.stated_sigma[:n])
+        columns = np.concatenate([jacobian, self.residual[..., None]], axis=2)
+        summing.add(np.ascontiguousarray(columns[:n].transpose(2, 1, 0)), slice(n))
+        known = (columns[n:] / np.where(self.measured[n:], self.stated_sigma[n:], np.inf)[..., None]).reshape(-1, columns.shape[2])
+        return summing.sums.plus(known.T @ known)
+
+    def with_sums(self, sums: Sums) -> Linearisation:
+        """The same, whose sums are known."""
+        self.__dict__["sums"] = sums
+        return self
+
     @property
     def rms(self) -> float:
         """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
         first = self.kinds == 0
         return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))
+
+
+class _WhenAsked:
+    """A field that may be given as a function, which is asked for it once, when somebody wants it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        known = instance.__dict__
+        if callable(known[self.name]):
+            known[self.name] = known[self.name]()
+        return known[self.name]
+
+    def __set__(self, instance: object, value: Any) -> None:
+        instance.__dict__[self.name] = value
+
+
+setattr(Linearisation, "jacobian", _WhenAsked("jacobian"))  # noqa: B010  # behind the dataclass, which would take it for a default
 
 
 def remembering(linearise: Linearise) -> Linearise:

@@ -87,16 +87,17 @@ class ArmMotion:
     def _still(self, frame: int) -> bool:
         return self.placed.arm.chain.frames[frame].depth == 0
 
-    def derivatives(self, g: Array3, axes: bool = True) -> tuple[Array3, Array3]:
-        """Derivatives by what lies behind each parameter (p, m, n), and behind each moving joint (moving, m, n), of numbers.
+    def derivatives(self, g: Array3, axes: bool = True, more: int = 0) -> tuple[Array3, Array3]:
+        """Derivatives by what lies behind each parameter (p + more, m, n), and behind each moving joint (moving, m, n), of numbers.
 
         Args:
             g: Derivatives of the numbers by a twist [v, w] in the base, (n, m, 6).
             axes: Whether those by the joints are wanted, too; else there are none of them.
+            more: How many rows of zeros to leave behind those of the parameters.
         """
         arm, posture, walk = self.placed.arm, self.posture, self.placed.placed.walk
         n, m, _ = g.shape
-        by_parameter, by_element = np.zeros((len(walk.anchors), m, n)), np.empty((len(arm.elements), m, n))
+        by_parameter, by_element = np.zeros((len(walk.anchors) + more, m, n)), np.empty((len(arm.elements), m, n))
         here = np.ascontiguousarray(g.transpose(2, 1, 0)).reshape(6, m * n)
         self._meet(by_parameter, here, 0)
         for number, (element, action) in enumerate(zip(arm.elements, self.placed.actions, strict=True)):

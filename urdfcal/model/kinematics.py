@@ -22,6 +22,8 @@ from urdfcal.model.softness import Yielding, across
 from urdfcal.model.walk import Placements
 from urdfcal.robot.chain import Bend, Chain
 
+_UNIT = np.eye(4)
+
 
 @dataclass(frozen=True)
 class Element:
@@ -74,6 +76,12 @@ class ArmKinematics:
     def turned(self) -> Array3:
         """The axes of the element that each body follows, as rotations that undo them, (moving + 1, 3, 3)."""
         return np.array([np.eye(3) if number < 0 else self.elements[number].axes.T for number in self.last])
+
+    @cached_property
+    def axes(self) -> tuple[Array3, Array3]:
+        """The axes of the element before each, undone, and of each itself, (elements, 3, 3) both."""
+        axes = np.array([element.axes for element in self.elements])
+        return np.concatenate([_UNIT[None, :3, :3], axes[:-1].transpose(0, 2, 1)]), axes
 
     @cached_property
     def firsts(self) -> list[int]:
@@ -145,14 +153,11 @@ class PlacedArm:
 
     def __init__(self, arm: ArmKinematics, placed: Placements) -> None:
         self.arm, self.placed, self.rigid = arm, placed, placed.walk.rigid
-        axes = np.array([element.axes for element in arm.elements])
-        self.steps = np.zeros((len(axes), 4, 4))
-        self.steps[:, 3, 3] = 1.0
-        between = np.broadcast_to(np.eye(4), self.steps.shape).copy()
-        between[arm.firsts] = placed.joints
-        before = np.concatenate([np.eye(3)[None], axes[:-1].transpose(0, 2, 1)])
-        self.steps[:, :3, :3] = before @ between[:, :3, :3] @ axes
-        self.steps[:, :3, 3] = (before @ between[:, :3, 3, None])[..., 0]
+        self.steps = np.broadcast_to(_UNIT, (len(arm.elements), 4, 4)).copy()
+        self.steps[arm.firsts] = placed.joints
+        before, axes = arm.axes
+        self.steps[:, :3] = before @ self.steps[:, :3]
+        self.steps[:, :3, :3] = self.steps[:, :3, :3] @ axes
 
     @cached_property
     def locals(self) -> Array3:
@@ -182,7 +187,7 @@ class PlacedArm:
         """Columns x, y, z, p of the base, then behind each element, in the base, (elements + 1, 4, 3, n)."""
         n = posture.q.shape[1]
         frames = np.empty((len(self.steps) + 1, 4, 3 * n))
-        frames[0].reshape(4, 3, n)[:] = np.eye(4)[:, :3, None]
+        frames[0].reshape(4, 3, n)[:] = _UNIT[:, :3, None]
         for number, (element, step) in enumerate(zip(self.arm.elements, self.steps, strict=True)):
             np.matmul(step.T, frames[number], out=frames[number + 1])
             columns = frames[number + 1].reshape(4, 3, n)

@@ -23,6 +23,7 @@ import pinocchio as pin
 from urdfcal.base.geometry import SE3, Array3, Mask, Matrix, Vector
 
 Rows = npt.NDArray[np.intp]
+_UNIT = np.eye(4)
 
 
 class Stretch:
@@ -114,7 +115,7 @@ class Walk:
         """The constants at one value of the parameters, (p,)."""
         rows, places, columns, screws, basis, ends = self._compiled
         screw_of_column = np.zeros((6, len(x)))
-        products = np.broadcast_to(np.eye(4), (len(ends), 4, 4))
+        products = np.broadcast_to(_UNIT, (len(ends), 4, 4))
         if len(columns):
             factors, reached = self._identities.copy(), np.empty_like(self._identities)
             factors[places, rows] = _exponentials(basis, x[columns])
@@ -161,7 +162,7 @@ def _exponentials(powers: Array3, x: Vector) -> Array3:
     """exp(X x) = I + x X + (1 - cos a) X^2 / |w|^2 + (a - sin a) X^3 / |w|^3 with a = |w| x, of every screw, (k, 4, 4)."""
     angle = powers[:, 0, 16] * x
     shares = np.stack([x, 1 - np.cos(angle), angle - np.sin(angle)], axis=1)
-    return np.asarray((shares[:, None] @ powers[:, :, :16]).reshape(-1, 4, 4) + np.eye(4))
+    return np.asarray((shares[:, None] @ powers[:, :, :16]).reshape(-1, 4, 4) + _UNIT)
 
 
 def _carried(placements: Array3, screws: Matrix) -> Matrix:
