@@ -294,9 +294,14 @@ class Problem:
         """The whole Jacobian where sums were taken of it: from the only part, or by another sweep."""
         whole = swept.jacobian if swept.jacobian is not None else swept.whole
         if whole is None:
-            whole = self._swept(x, summing=False).jacobian
-            assert whole is not None
+            whole = self.jacobian(x)
         return np.concatenate([whole, _stacked(known, *whole.shape[1:])]) if known else whole
+
+    def jacobian(self, x: Vector) -> Array3:
+        """The whole Jacobian at a state, (n, m, p), without what is known beforehand."""
+        jacobian = self._swept(x, summing=False).jacobian
+        assert jacobian is not None
+        return jacobian
 
     def _swept(self, x: Vector, summing: bool) -> _Swept:
         """One sweep over all poses: sums of what is read, or the whole Jacobian."""
@@ -393,6 +398,12 @@ class Problem:
     def with_data(self, data: Measurements) -> Problem:
         """The same robot put to other measurements."""
         return replace(self, data=data)
+
+    def with_prior(self, errors: ErrorModel) -> Problem:
+        """The same where other standard deviations are expected: what was worked out stays."""
+        other = replace(self, errors=errors)
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name != "errors"})
+        return other
 
 
 def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:

@@ -133,7 +133,7 @@ class Noise:
         if linearisation.poses is not None:
             return self._weights_of_poses(linearisation)
         if not self.of_joints:
-            return Weights(1 / self.of_numbers(linearisation))
+            return Weights(1 / (self.of_numbers(linearisation) if linearisation.stating else self.sigma[linearisation.kinds]))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(linearisation))))
 
     def normal(self, linearisation: Linearisation) -> Normal:

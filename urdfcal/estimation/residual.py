@@ -154,6 +154,11 @@ class Linearisation:
         """Which numbers were measured and do not state their noise, (n, m)."""
         return self.measured & np.isnan(self.stated_sigma)
 
+    @cached_property
+    def stating(self) -> bool:
+        """Whether any number states its noise."""
+        return bool(np.isfinite(self.stated_sigma).any())
+
     @property
     def usable(self) -> bool:
         """Whether the model produces everything that was measured."""

@@ -73,6 +73,10 @@ class Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
         return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)
 
+    def weighed(self, weights: Vector) -> Fitted:
+        """The same fit where every number is so many times as precise, (N,)."""
+        return replace(self, H=self.H * weights[:, None], y=self.y * weights)
+
     def _spread(self, columns: Matrix) -> Matrix:
         return columns if self.roots is None else rows_times(self.roots, columns)
 
@@ -84,7 +88,7 @@ class Fitted:
     @cached_property
     def log_evidence(self) -> float:
         """Of the data, less what their whitening adds and a constant."""
-        volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
+        volume = float(np.linalg.slogdet(self._information)[1])
         return -0.5 * (self.numbers * float(np.log(self.total)) + volume)
 
     def predicted(self, folds: Sequence[Rows], rows: int) -> float:
@@ -120,7 +124,11 @@ class Fitted:
     @cached_property
     def P(self) -> Matrix:
         """Covariance of the parameters, in units of their prior sigmas, (p, p)."""
-        return np.asarray(np.linalg.inv(self.H.T @ self.H + np.eye(self.H.shape[1])))
+        return np.asarray(np.linalg.inv(self._information))
+
+    @cached_property
+    def _information(self) -> Matrix:
+        return np.asarray(self.H.T @ self.H + np.eye(self.H.shape[1]))
 
     @cached_property
     def x(self) -> Vector:
@@ -153,7 +161,8 @@ class Fitted:
         s = np.stack([left @ one, left @ other], axis=1)
         ways = np.stack([through.T @ one, through.T @ other])
         beside = np.stack([self.P @ way for way in ways])
-        F = np.array([[share @ (a * b) for b in (one, other)] for a in (one, other)]) - np.einsum("apk,bpk->abk", ways, beside)
+        across = share @ (one * other)
+        F = np.array([[share @ one**2, across], [across, share @ other**2]]) - np.einsum("apk,bpk->abk", ways, beside)
         return Pairs(s, F.transpose(2, 0, 1), self.total, self.numbers)
 
 

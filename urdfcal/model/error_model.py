@@ -88,7 +88,9 @@ class ErrorModel:
     def with_prior(self, prior: Prior) -> ErrorModel:
         """The same with other standard deviations."""
         named = zip(self.parameters, prior.sigma.tolist(), strict=True)
-        return replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
+        other = replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
+        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns") if name in self.__dict__})
+        return other
 
     def check(self, x: Vector) -> Vector:
         """X as an array of floats, if it fits.

@@ -21,9 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
-from urdfcal.base.rotations import skew
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture, turn
+from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture, inverse_actions, turn
 from urdfcal.model.softness import Yielding
 from urdfcal.model.walk import Placements
 
@@ -69,10 +68,10 @@ class ArmMotion:
         p, R = self.frames[target][:, :, 3], self.frames[target][:, :, :3]
         if frame is None:
             return p, R
+        if (stands := self.placed.standing(frame)) is not None:
+            back, origin, _ = stands
+            return (p - origin) @ back.T, back @ R
         there = self.frames[frame]
-        if self._still(frame):
-            back = there[0, :, :3].T
-            return (p - there[0, :, 3]) @ back.T, back @ R
         back = there[:, :, :3].transpose(0, 2, 1)
         return (back @ (p - there[:, :, 3])[..., None])[..., 0], back @ R
 
@@ -80,12 +79,9 @@ class ArmMotion:
         """Derivatives (n, m, 6) by twists in one of the chain's frames as those by twists in the base: times Ad(T^-1)."""
         if frame is None:
             return jac2
-        there = self.frames[frame]
-        action = _inverse_action(there[:1])[0] if self._still(frame) else _inverse_action(there)
-        return np.asarray((jac2.reshape(-1, 6) @ action).reshape(jac2.shape) if action.ndim == 2 else jac2 @ action)
-
-    def _still(self, frame: int) -> bool:
-        return self.placed.arm.chain.frames[frame].depth == 0
+        if (stands := self.placed.standing(frame)) is not None:
+            return np.asarray((jac2.reshape(-1, 6) @ stands[2]).reshape(jac2.shape))
+        return np.asarray(jac2 @ inverse_actions(self.frames[frame]))
 
     def derivatives(self, g: Array3, axes: bool = True, more: int = 0) -> tuple[Array3, Array3]:
         """Derivatives by what lies behind each parameter (p + more, m, n), and behind each moving joint (moving, m, n), of numbers.
@@ -215,12 +211,3 @@ def _from(body: Array3, local: Matrix) -> Array3:
     """[R | p] of a frame, (n, 3, 4), from the columns of its body (4, 3, n)."""
     n = body.shape[-1]
     return np.asarray((local.T @ body.reshape(4, 3 * n)).reshape(4, 3, n).transpose(2, 1, 0))
-
-
-def _inverse_action(frames: Array3) -> Array3:
-    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
-    back = frames[:, :, :3].transpose(0, 2, 1)
-    action = np.zeros((len(frames), 6, 6))
-    action[:, :3, :3] = action[:, 3:, 3:] = back
-    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
-    return action

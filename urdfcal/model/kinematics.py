@@ -18,6 +18,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch
 from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
+from urdfcal.base.rotations import skew
 from urdfcal.model.softness import Yielding, across
 from urdfcal.model.walk import Placements
 from urdfcal.robot.chain import Bend, Chain
@@ -168,6 +169,19 @@ class PlacedArm:
         return placed
 
     @cached_property
+    def _of_base(self) -> dict[int, tuple[Matrix, Vector, Matrix]]:
+        """By frame that stands in the base: R', p, and Ad(T^-1), what brings twists at the base's origin to its own."""
+        found = {}
+        for index, (frame, local) in enumerate(zip(self.arm.chain.frames, self.locals, strict=True)):
+            if frame.depth == 0:
+                found[index] = local[:3, :3].T, local[:3, 3], inverse_actions(local[None, :3])[0]
+        return found
+
+    def standing(self, frame: int) -> tuple[Matrix, Vector, Matrix] | None:
+        """R', p and Ad(T^-1) of one of the chain's frames if it stands in the base; None if it moves."""
+        return self._of_base.get(frame)
+
+    @cached_property
     def actions(self) -> Array3:
         """Ad(T)' of every step: what brings derivatives by twists [v, w] from one element to the next, (elements, 6, 6)."""
         R, p = self.steps[:, :3, :3], self.steps[:, :3, 3]
@@ -203,6 +217,15 @@ def turn(pair: Array3, c: Vector, s: Array3) -> None:
     other = pair[::-1] * s
     pair *= c
     pair += other
+
+
+def inverse_actions(frames: Array3) -> Array3:
+    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
+    back = frames[:, :, :3].transpose(0, 2, 1)
+    action = np.zeros((len(frames), 6, 6))
+    action[:, :3, :3] = action[:, 3:, 3:] = back
+    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
+    return action
 
 
 def _axes_about(axis: Vector) -> Matrix:

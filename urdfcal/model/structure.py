@@ -91,6 +91,7 @@ def enter(
         anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
         offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
         order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
+    jacobian = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same columns, in fewer rows
     taken = set(independent_columns(jacobian, order))
     carried = {}
     if automatic:
