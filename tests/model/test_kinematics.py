@@ -45,7 +45,7 @@ def moving(arm: ArmKinematics, errors: ErrorModel, q: Matrix, rng: np.random.Gen
     )
     placed = errors.placements(rng.normal(0, 0.02, len(errors.names)))
     witness, every = PinocchioArm(chain, placed, arm.bends), np.zeros((len(q), len(arm.elements)))
-    for column, (joint, bend) in enumerate(witness.names):
+    for column, (joint, bend) in enumerate(witness.columns):
         own = [number for number, term in enumerate(terms) if (term.joint, yielding.bends[number]) == (joint, bend)]
         sign = 1.0 if chain.moving[joint].forward else -1.0
         every[:, column] = sign * angles[:, own].sum(axis=1) + (positions[:, joint] if bend < 0 else 0.0)
@@ -74,7 +74,7 @@ def test_derivatives_are_pinocchios(name: str, robots: dict[str, Robot], rng: np
     placed, g = motion.placed.placed, rng.normal(size=(len(q), 4, 6))
     by_parameter, by_axis = motion.derivatives(g)
     last = int(np.argmax([frame.depth for frame in errors.chain.frames]))
-    own = [number for number, (_, bend) in enumerate(witness.names) if bend < 0]
+    own = [number for number, (_, bend) in enumerate(witness.columns) if bend < 0]
     for pose in range(len(q)):
         J = witness.jacobian(every[pose], last)[:, own]
         reached = errors.chain.frames[last].depth

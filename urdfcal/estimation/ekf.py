@@ -164,7 +164,7 @@ def iterated_schedule(
         return Estimate(belief, linearisation.trouble, noise, history)
     settled, last, curved, radius, since, guessed = noise.settled(linearisation), 0.0, False, np.inf, 0, False
     for sweep in range(max_sweeps or MAX_SWEEPS["iterated"]):
-        weights, normal = noise.weights(linearisation), noise.normal(linearisation)
+        here, weights, normal = linearisation, noise.weights(linearisation), noise.normal(linearisation)
         rows, short = compress(normal.moved(x - prior.x), scale)
         updated, _ = update(prior, short, rows, np.eye(len(short)))
         gradient = normal.b - (x - prior.x) / scale**2
@@ -195,7 +195,7 @@ def iterated_schedule(
                 if settled or guessed:
                     curved, radius, last = True, 1.0, 0.0
                 else:
-                    noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, noise, belief))
+                    noise = noise.estimated(linearisation, degrees_of_freedom(here, noise, belief))
                     since, last, guessed = sweep, 0.0, True
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.errors import RigError
-from urdfcal.base.geometry import SE3, Matrix, Vector
+from urdfcal.base.geometry import SE3, Matrix, Vector, X, Y, Z
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.urdf_tree import UrdfJoint, UrdfTree
 
@@ -39,6 +39,23 @@ class Bend:
 
     joint: int
     axis: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ModelLayout:
+    """Which joints of a chain's Pinocchio model are what; indices as Pinocchio counts, 0 being the screen.
+
+    Attributes:
+        first: Per moving joint, the one that carries its placement.
+        motion: Per moving joint, the one that is its motion.
+        last: Per moving joint, the one behind which its body follows.
+        bends: Per bend, its joint.
+    """
+
+    first: list[int]
+    motion: list[int]
+    last: list[int]
+    bends: list[int]
 
 
 Role = Literal["reference", "target", "laser"]
@@ -149,6 +166,25 @@ class Chain:
         forward = [step.joint for step in self.moving if step.forward]
         return [branch for branch in (backward, forward) if branch]
 
+    def new_model(self, bends: Sequence[Bend] = ()) -> tuple[Any, ModelLayout]:
+        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen.
+
+        Args:
+            bends: Axes about which joints give way; each becomes a joint of its own on the far side of its joint's motion.
+        """
+        model, first, motion, last, bend = pin.Model(), [], [], [], [0] * len(bends)
+        for index, step in enumerate(self.moving):
+            own = [number for number, each in enumerate(bends) if each.joint == index]
+            first.append(model.njoints)
+            for number in [None, *own] if step.forward else [*own[::-1], None]:
+                if number is None:
+                    motion.append(model.addJoint(model.njoints - 1, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name))
+                else:
+                    axis = pin.JointModelRevoluteUnaligned(np.array(bends[number].axis))
+                    bend[number] = model.addJoint(model.njoints - 1, axis, pin.SE3.Identity(), f"{step.joint.name}:{number}")
+            last.append(model.njoints - 1)
+        return model, ModelLayout(first, motion, last, bend)
+
 
 def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
     """Lay out the way from the screen to the lasers.
@@ -237,3 +273,12 @@ def leader_of(tree: UrdfTree, joint: UrdfJoint) -> tuple[UrdfJoint, float, float
         multiplier *= joint.mimic.multiplier
         joint = tree.joints[joint.mimic.joint]
     return joint, multiplier, shift
+
+
+def _joint_model(joint: UrdfJoint) -> Any:
+    axis = np.array(joint.axis)
+    kind = "P" if joint.prismatic else "R"
+    for letter, direction in zip("XYZ", (X, Y, Z), strict=True):
+        if np.array_equal(axis, direction):
+            return getattr(pin, f"JointModel{kind}{letter}")()
+    return pin.JointModelPrismaticUnaligned(axis) if joint.prismatic else pin.JointModelRevoluteUnaligned(axis)

@@ -1,7 +1,7 @@
 """Where every link of a robot is whose joints give way: forward kinematics along the URDF with the deflections where they happen.
 
 Each joint on the way turns (or slides) by its position and what its own terms add, and then turns about its axes across, one after
-the other, as the fit has it (`model.kinematics`):
+the other, as the fit has it (`robot.chain.new_model`):
 
     T_parent_child = T_origin  M(q + own)  R_1(across_1)  R_2(across_2)
 
