@@ -218,7 +218,7 @@ class Problem:
     @cached_property
     def arm(self) -> ArmKinematics:
         """Kinematics of the chain."""
-        return ArmKinematics(self.errors.chain, self.errors.soft.bends if self.errors.soft is not None else ())
+        return self.errors.arm
 
     @cached_property
     def positions(self) -> Matrix:

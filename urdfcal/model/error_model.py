@@ -19,6 +19,7 @@ from urdfcal.base.geometry import SE3, Mask, Matrix, Vector, exponentials, produ
 from urdfcal.estimation.prior import Prior
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.gravity import WeighedRobot
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import SESSION_KINDS, Kind, Parameter, PriorScale
 from urdfcal.model.rig_terms import Course, Rig, RigTerm
 from urdfcal.model.slots import Slot
@@ -89,7 +90,7 @@ class ErrorModel:
         """The same with other standard deviations."""
         named = zip(self.parameters, prior.sigma.tolist(), strict=True)
         other = replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
-        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns") if name in self.__dict__})
+        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns", "arm") if name in self.__dict__})
         return other
 
     def check(self, x: Vector) -> Vector:
@@ -116,6 +117,11 @@ class ErrorModel:
     def placements(self, x: Vector, session: str = "") -> Placements:
         """The constants of the way from screen to lasers with every slot at x."""
         return self._walks[session].at(self.check(x))
+
+    @cached_property
+    def arm(self) -> ArmKinematics:
+        """Kinematics of the chain, with the bends of joints that give way."""
+        return ArmKinematics(self.chain, self.soft.bends if self.soft is not None else ())
 
     def moves(self, session: str = "") -> Mask:
         """Which parameters move each of the chain's frames against the screen in one session, (frames, p): of those on its way all."""

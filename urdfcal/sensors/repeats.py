@@ -90,8 +90,8 @@ def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:
         keys: What else must be equal, (n,): session, payload, what was touched.
         approach: Directions of the joints' last moves, (n, joints), of which none may be opposite.
     """
-    if not len(q):
-        return np.empty(0, dtype=np.intp)
+    if len(q) < 2:
+        return np.zeros(len(q), dtype=np.intp)
     steps = np.round(q / resolution(q)).astype(np.int64)
     ways = np.zeros((len(q), 0), dtype=np.int64) if approach is None else approach.astype(np.int64)
     cells, cell_of = _distinct_rows(np.column_stack([_APART * keys, steps, ways]))

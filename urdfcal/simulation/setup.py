@@ -17,7 +17,6 @@ from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
 from urdfcal.calibration.reach import ScreenArea
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmMotion, motion_at
-from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import SIX
@@ -68,8 +67,7 @@ class SimulatedSetup:
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
         errors, chain = self.errors, self.errors.chain
-        arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
-        placed = errors.placements(self.x, session)
+        arm, placed = errors.arm, errors.placements(self.x, session)
         motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
