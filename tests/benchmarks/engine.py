@@ -1,10 +1,14 @@
-"""What the default `urdfcal.fit` costs, as ratios taken in one run: to another checkout of urdfcal.
+"""What the default `urdfcal.fit` costs, as ratios taken in one run: to another checkout of urdfcal, and to C++.
 
-    python tests/benchmarks/engine.py [--against CHECKOUT] [--case NAME ...] [--poses N ...] [--runs N]
+    python tests/benchmarks/engine.py [--against CHECKOUT] [--cpp] [--case NAME ...] [--poses N ...] [--runs N]
 
 Points on a Panda (31 parameters), lasers on arm7, poses, pixels, two sessions and sag; CPU seconds of one thread, medians. Every
 run of one checkout is followed by one of the other, each in a process of its own that was warmed up before, so that whatever else the
 machine does falls on both alike. Beside the times stands by how much the two estimates differ, in their own standard deviations.
+
+`--cpp` builds `gauss_newton.cpp`, plain Gauss-Newton with priors and a covariance on Pinocchio's library, and gives it the same points
+or lasers from the same start under the priors that the fit chose. It wants g++ and Eigen's headers (`pip install cmeel-eigen`, or those of
+the system) and is left out without them.
 """
 
 from __future__ import annotations
@@ -12,8 +16,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 ROOT = Path(__file__).parents[2]
+CPP = Path(__file__).with_name("gauss_newton.cpp")
 CASES = {
     "points": ("panda", ("point:panda_link8",), ("",)),
     "lasers": ("arm7", ("laser",), ("",)),
@@ -39,6 +46,7 @@ def main() -> None:
     """Print the table as Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--against", type=Path, help="another checkout of urdfcal")
+    parser.add_argument("--cpp", action="store_true", help="beside plain Gauss-Newton in C++, too")
     parser.add_argument("--case", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--poses", nargs="+", type=int, default=None)
     parser.add_argument("--runs", type=int, default=7)
@@ -48,18 +56,24 @@ def main() -> None:
         serve(*fit_of(arguments.serve[0], int(arguments.serve[1])))
         return
     checkouts = [ROOT, *([arguments.against] if arguments.against else [])]
-    print("| case | poses | this, CPU ms | other | ratio | estimates differ by, sigma |\n|" + "---|" * 6)
+    program = built() if arguments.cpp else None
+    print("| case | poses | this, CPU ms | other | ratio | estimates differ by, sigma | C++ | ratio | sigma |\n|" + "---|" * 9)
     for case in arguments.case:
         for poses in arguments.poses or SIZES.get(case, (200,)):
-            print(row(case, poses, checkouts, arguments.runs), flush=True)
+            print(row(case, poses, checkouts, arguments.runs, program), flush=True)
 
 
-def row(case: str, poses: int, checkouts: list[Path], runs: int) -> str:
+def row(case: str, poses: int, checkouts: list[Path], runs: int, program: Path | None) -> str:
     """One line of the table."""
     servers = [started(checkout, case, poses) for checkout in checkouts]
     for server in servers:
         ask(server)  # imports, caches
-    times = np.median([[ask(server)["seconds"] for server in servers] for _ in range(runs)], axis=0) * 1e3
+    with tempfile.TemporaryDirectory() as folder:
+        problem = Path(folder) / "problem" if program and case in SIZES else None
+        if problem is not None:
+            ask(servers[0], str(problem))
+        tried = [([ask(server)["seconds"] for server in servers], in_cpp(program, problem)) for _ in range(runs)]
+    times = np.median([own for own, _ in tried], axis=0) * 1e3
     found = [ask(server) for server in servers]
     for server in servers:
         server.stdin.close()
@@ -68,6 +82,10 @@ def row(case: str, poses: int, checkouts: list[Path], runs: int) -> str:
     if len(servers) > 1:
         apart = np.max(np.abs(np.subtract(found[0]["x"], found[1]["x"])) / np.array(found[1]["sigma"]))
         cells += [f"{times[1]:.1f}", f"{times[1] / times[0]:.2f}", f"{apart:.1e}"]
+    if problem is not None:
+        seconds, x = float(np.median([own[0] for _, own in tried])) * 1e3, tried[0][1][1]
+        apart = np.max(np.abs(np.subtract(found[0]["x"], x)) / np.array(found[0]["sigma"]))
+        cells += [""] * (3 if len(servers) < 2 else 0) + [f"{seconds:.2f}", f"{times[0] / seconds:.1f}", f"{apart:.1e}"]
     return "| " + " | ".join(cells) + " |"
 
 
@@ -78,18 +96,67 @@ def started(checkout: Path, case: str, poses: int) -> Any:
     return subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
 
-def ask(server: Any) -> dict[str, Any]:
-    """One fit: seconds, estimate and standard deviations."""
-    print("fit", file=server.stdin, flush=True)
+def built() -> Path | None:
+    """The program in C++; None, and why, where it cannot be built."""
+    import cmeel
+
+    prefixes = [Path(path) / "cmeel.prefix" for path in (*sys.path, *os.environ.get("EIGEN", "").split(os.pathsep)) if path]
+    prefix = Path(cmeel.__file__).parents[1] / "cmeel.prefix"
+    eigen = [path for path in (*(each / "include" / "eigen3" for each in prefixes), Path("/usr/include/eigen3")) if path.is_dir()]
+    if shutil.which("g++") is None or not eigen or not (prefix / "include" / "pinocchio").is_dir():
+        print("without C++: it wants g++, and the headers of Eigen and Pinocchio", file=sys.stderr)
+        return None
+    program = Path(tempfile.gettempdir()) / f"gauss_newton_{os.getuid()}"
+    if not program.exists() or program.stat().st_mtime < CPP.stat().st_mtime:
+        limits = ["-DBOOST_MPL_LIMIT_LIST_SIZE=30", "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30", "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS"]
+        words = ["g++", "-O3", "-march=native", "-DNDEBUG", "-std=c++17", *limits, f"-I{prefix}/include", f"-I{eigen[0]}", str(CPP)]
+        subprocess.run([*words, "-o", str(program), f"-L{prefix}/lib", "-lpinocchio_default", f"-Wl,-rpath,{prefix}/lib"], check=True)
+    return program
+
+
+def in_cpp(program: Path | None, problem: Path | None) -> tuple[float, Any]:
+    """Seconds and estimate of a fit in C++; nan where there is none."""
+    if program is None or problem is None:
+        return np.nan, None
+    lines = subprocess.run([str(program), str(problem), "7"], check=True, capture_output=True, text=True).stdout.splitlines()
+    return float(lines[0]), np.array(lines[1].split(), dtype=float)
+
+
+def write_problem(path: Path, found: Any) -> None:
+    """What a fit solved at its end, for the program in C++: the chain, its constants, targets, positions, priors and start."""
+    from urdfcal.calibration.problem import Problem
+
+    errors, problem = found.errors, Problem(found.errors, found.data)
+    walk, chain, p = errors.placements(found.x).walk, errors.chain, len(errors.names)
+    spots = found.data.has_spots
+    numbers = [[int(spots), walk.moving, -1 if spots else chain.measuring_frame, p, len(found.data)]]
+    numbers += [[int(step.joint.prismatic), *step.joint.axis] for step in chain.moving]
+    numbers += [[len(walk.stretches)]]
+    for own in walk.stretches:
+        numbers += [[own.anchor, len(own.factors)], own.end.homogeneous[:3].ravel()]
+        numbers += [[column, *screw] for column, screw in own.factors]
+    numbers += [[len(walk.moves)], *walk.moves.astype(int), [len(problem.channels)]]
+    for channel in problem.channels:
+        numbers += [[channel.target, chain.frames[channel.target].depth], channel.values.ravel()]
+    numbers += [problem.positions.ravel(), errors.mean, errors.sigma, found.nominal.x]
+    path.write_text("\n".join(" ".join(f"{number:.17g}" for number in line) for line in numbers))
+
+
+def ask(server: Any, problem: str = "") -> dict[str, Any]:
+    """One fit: seconds, estimate and standard deviations; what it solved goes into a file on request."""
+    print(problem, file=server.stdin, flush=True)
     return dict(json.loads(server.stdout.readline()))
 
 
 def serve(fit: Callable[[], Any], name: Callable[[Any], dict[str, Any]]) -> None:
     """Fit once for every line that comes in."""
-    for _ in sys.stdin:
+    for line in sys.stdin:
         began = time.process_time()
         found = fit()
-        print(json.dumps({"seconds": time.process_time() - began, **name(found)}), flush=True)
+        seconds = time.process_time() - began
+        if line.strip():
+            write_problem(Path(line.strip()), found)
+        print(json.dumps({"seconds": seconds, **name(found)}), flush=True)
 
 
 def fit_of(case: str, poses: int) -> tuple[Callable[[], Any], Callable[[Any], dict[str, Any]]]:

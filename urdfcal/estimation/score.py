@@ -186,6 +186,16 @@ class Score:
         """Of some of the columns."""
         return replace(self, s=self.s[columns], F=self.F[np.ix_(columns, columns)])
 
+    def gains_of_parts(self, parts: Sequence[Rows]) -> list[float]:
+        """Log evidence of each of some parts by itself, [nats]: those of one size at once."""
+        gains, sizes = np.empty(len(parts)), np.array([len(columns) for columns in parts])
+        for size in np.unique(sizes):
+            own = np.flatnonzero(sizes == size)
+            columns = np.array([parts[number] for number in own.tolist()])
+            found = gains_of(self.s[columns], self.F[columns[:, :, None], columns[:, None]], self.total, self.numbers)
+            gains[own] = found.max(axis=1) - np.log(len(SIZES))
+        return gains.tolist()
+
     @cached_property
     def gains(self) -> Vector:
         """Log evidence for every one of SIZES."""
