@@ -150,8 +150,8 @@ class _Swept:
 
     Attributes:
         residual, joint_jacobian, lost, blocks: As of a `Linearisation`.
-        jacobian: The same; None where sums are taken instead.
-        summing: Takes them; None where the Jacobian is wanted.
+        jacobian: The same; None where it is not kept.
+        summing: Takes sums; None where there are none to be taken.
         last: Columns [J r] of the only part, (p + 1, m, n), if there is no other.
     """
 
@@ -265,7 +265,7 @@ class Problem:
         return remembering(self._linearised)
 
     def _linearised(self, x: Vector) -> Linearisation:
-        swept = self._swept(x, summing=not self._dense)
+        swept = self._swept(x, summing=not self._dense, keeping=self._dense or self._asked.pop("jacobian", False))
         known = _known_rows(self.errors, self.data.lengths, x)
         linearised = _with_known(
             Linearisation(
@@ -291,7 +291,8 @@ class Problem:
         return self.joints or self.data.again
 
     def _jacobian(self, swept: _Swept, known: Sequence[Known], x: Vector) -> Array3:
-        """The whole Jacobian where sums were taken of it: from the only part, or by another sweep."""
+        """The whole Jacobian where sums were taken of it: kept, from the only part, or by another sweep; the next one keeps it."""
+        self._asked["jacobian"] = True
         whole = swept.jacobian if swept.jacobian is not None else swept.whole
         if whole is None:
             whole = self.jacobian(x)
@@ -299,19 +300,24 @@ class Problem:
 
     def jacobian(self, x: Vector) -> Array3:
         """The whole Jacobian at a state, (n, m, p), without what is known beforehand."""
-        jacobian = self._swept(x, summing=False).jacobian
+        jacobian = self._swept(x, summing=False, keeping=True).jacobian
         assert jacobian is not None
         return jacobian
 
-    def _swept(self, x: Vector, summing: bool) -> _Swept:
-        """One sweep over all poses: sums of what is read, or the whole Jacobian."""
+    @cached_property
+    def _asked(self) -> dict[str, bool]:
+        """Whether the whole Jacobian of the last state was asked for: who did, as robust fits do, will ask again."""
+        return {}
+
+    def _swept(self, x: Vector, summing: bool, keeping: bool) -> _Swept:
+        """One sweep over all poses: sums of what is read, the whole Jacobian, or both."""
         n, m, p = *self.measured.shape, len(self.errors.names)
         swept = _Swept(
             residual=np.zeros((n, m)),
             joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
-            jacobian=None if summing else np.empty((n, m, p)),
+            jacobian=np.zeros((n, m, p)) if keeping else None,
             summing=Summing(p, self._kinds, self.stated_sigma) if summing else None,
         )
         for part, motion in self._motions(x):
@@ -332,7 +338,7 @@ class Problem:
         if swept.summing is not None:
             columns[-1] = swept.residual[rows].T
             swept.summing.add(columns, rows)
-            swept.last = columns if len(self.parts) == 1 else None
+            swept.last = columns if len(self.parts) == 1 and swept.jacobian is None else None
         if self.joints:
             self._axis_shares.apply(by_axis)
             swept.joint_jacobian[rows] = motion.by_inputs(by_axis)

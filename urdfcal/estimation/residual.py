@@ -77,7 +77,7 @@ class Linearisation:
         return replace(
             self,
             residual=np.where(numbers, self.residual, 0.0),
-            jacobian=np.where(numbers[..., None], self.jacobian, 0.0),
+            jacobian=lambda: np.where(numbers[..., None], self.jacobian, 0.0),
             joint_jacobian=np.where(numbers[..., None], self.joint_jacobian, 0.0),
             measured=self.measured & numbers,
             lost=None if self.lost is None else self.lost & ~out,
@@ -88,7 +88,7 @@ class Linearisation:
         return replace(
             self,
             residual=self.residual[:count],
-            jacobian=self.jacobian[:count],
+            jacobian=lambda: self.jacobian[:count],
             joint_jacobian=self.joint_jacobian[:count],
             measured=self.measured[:count],
             stated_sigma=self.stated_sigma[:count],

@@ -249,7 +249,7 @@ def _weighted(linearisation: Linearisation, weights: Matrix) -> Linearisation:
     return replace(
         linearisation,
         residual=linearisation.residual * root,
-        jacobian=linearisation.jacobian * root[..., None],
+        jacobian=lambda: linearisation.jacobian * root[..., None],
         root=root,
         joint_jacobian=linearisation.joint_jacobian * root[..., None],
     )
