@@ -197,18 +197,22 @@ class ErrorModel:
         """How the joints give way at x, for the basis of every soft term at some poses (n, terms); None if nothing does."""
         if self.soft is None:
             return None
-        column = {name: index for index, name in enumerate(self.names)}
-        bends = self.soft.bend_of
-        free = [number for number, term in enumerate(self.soft.terms) if term.name in column]
-        held = [number for number, term in enumerate(self.soft.terms) if term.name not in column and self.held.get(term.name)]
-        order, terms = [*free, *held], self.soft.terms
-        values = [x[column[terms[number].name]] for number in free] + [self.held[terms[number].name] for number in held]
-        return Yielding(
-            columns=np.array([column[terms[number].name] for number in free], dtype=int),
-            joints=tuple(terms[number].joint for number in order),
-            bends=tuple(bends[number] for number in order),
-            basis=basis[:, order],
-            x=np.array(values),
+        order, still = self._soft_order
+        return replace(still, basis=basis[:, order], x=np.append(x[still.columns], still.x))
+
+    @cached_property
+    def _soft_order(self) -> tuple[list[int], Yielding]:
+        """Numbers of the soft terms that are estimated, and of those that are held at something; how they yield at no pose."""
+        assert self.soft is not None
+        terms, bends, column = self.soft.terms, self.soft.bend_of, {name: index for index, name in enumerate(self.names)}
+        free = [number for number, term in enumerate(terms) if term.name in column]
+        held = [number for number, term in enumerate(terms) if term.name not in column and self.held.get(term.name)]
+        return [*free, *held], Yielding(
+            columns=np.array([column[terms[number].name] for number in free], dtype=np.intp),
+            joints=tuple(terms[number].joint for number in [*free, *held]),
+            bends=tuple(bends[number] for number in [*free, *held]),
+            basis=np.empty((0, len(free) + len(held))),
+            x=np.array([self.held[terms[number].name] for number in held]),
         )
 
     def yielding_at(self, x: Vector, q: Matrix) -> Yielding | None:

@@ -110,7 +110,11 @@ class ArmKinematics:
 
     def element_of(self, joint: int, bend: int) -> int:
         """The element that is a bend or, where that is -1, a joint's own motion."""
-        return int(self.own[joint]) if bend < 0 else next(number for number, own in enumerate(self.elements) if own.bend == bend)
+        return int(self.own[joint]) if bend < 0 else self._of_bend[bend]
+
+    @cached_property
+    def _of_bend(self) -> dict[int, int]:
+        return {element.bend: number for number, element in enumerate(self.elements)}
 
 
 class Posture:
