@@ -19,7 +19,7 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.normal import Summing
+from urdfcal.estimation.normal import Numbers, Summing
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
@@ -32,6 +32,7 @@ from urdfcal.sensors.sensor import Look, Sensor, View
 Rows = slice | npt.NDArray[np.intp]
 Known = tuple[float, Vector, float]
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
+_UNIT = np.eye(3)
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
 
 
@@ -96,7 +97,7 @@ class Channel:
         """The target as the measuring frame sees it at some poses."""
         p, R = motion.seen(self.target, self.frame)
         if not self._places:
-            return View(p, R, np.empty((len(p), 0)), np.broadcast_to(np.eye(3), R.shape))
+            return View(p, R, np.empty((len(p), 0)), np.broadcast_to(_UNIT, R.shape))
         columns = self._place_columns[rows]
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
@@ -318,7 +319,7 @@ class Problem:
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
             jacobian=np.zeros((n, m, p)) if keeping else None,
-            summing=Summing(p, self._kinds, self.stated_sigma) if summing else None,
+            summing=Summing(p, self._numbers) if summing else None,
         )
         for part, motion in self._motions(x):
             self._sweep(swept, motion, part, x)
@@ -344,9 +345,9 @@ class Problem:
             swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
 
     @cached_property
-    def _kinds(self) -> npt.NDArray[np.intp]:
-        """Index of the noise of each number of a pose, (m,)."""
-        return np.array([channel.block.kind for channel in self.channels for _ in range(channel.sensor.numbers)], dtype=np.intp)
+    def _numbers(self) -> Numbers:
+        kinds = [channel.block.kind for channel in self.channels for _ in range(channel.sensor.numbers)]
+        return Numbers(np.array(kinds, dtype=np.intp), self.stated_sigma)
 
     @cached_property
     def _shares(self) -> Mapping[str, Shares]:

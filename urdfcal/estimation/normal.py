@@ -73,6 +73,23 @@ class Sums:
         return Sums(self.plain, self.stated, self.known + known)
 
 
+class Numbers:
+    """The numbers of all poses, sorted for sums: by kind, and by whether they state their own noise.
+
+    Attributes:
+        kinds: How many kinds there are.
+        sigma: Standard deviation that each states, (n, m), nan where it states none.
+        columns: Of each kind, which of the m numbers are of it.
+        some, all: Of each kind, whether any of its numbers state their noise, and whether all do.
+    """
+
+    def __init__(self, kinds: npt.NDArray[np.intp], sigma: Matrix) -> None:
+        """Of numbers of some kinds, (m,), of which each may state its own standard deviation, (n, m)."""
+        self.kinds, self.sigma = int(np.max(kinds, initial=-1)) + 1, sigma
+        self.columns, stating = [np.flatnonzero(kinds == kind) for kind in range(self.kinds)], ~np.isnan(sigma)
+        self.some, self.all = ([bool(how(stating[:, own])) for own in self.columns] for how in (np.any, np.all))
+
+
 class Summing:
     """Takes sums of a linearisation part by part.
 
@@ -80,24 +97,22 @@ class Summing:
         sums: So far.
     """
 
-    def __init__(self, parameters: int, kinds: npt.NDArray[np.intp], sigma: Matrix) -> None:
-        """Of numbers of some kinds, (m,), of which each may state its own standard deviation (n, m), nan where it does not."""
-        size = int(np.max(kinds, initial=-1)) + 1, parameters + 1, parameters + 1
-        self.sums = Sums(np.zeros(size), np.zeros(size), np.zeros(size[1:]))
-        self._sigma, self._columns = sigma, [np.flatnonzero(kinds == kind) for kind in range(size[0])]
-        stating = ~np.isnan(sigma)
-        self._any, self._all = ([bool(how(stating[:, own])) for own in self._columns] for how in (np.any, np.all))
+    def __init__(self, parameters: int, numbers: Numbers) -> None:
+        """Of some numbers by so many parameters."""
+        size = numbers.kinds, parameters + 1, parameters + 1
+        self.numbers, self.sums = numbers, Sums(np.zeros(size), np.zeros(size), np.zeros(size[1:]))
 
     def add(self, columns: Array3, rows: slice | npt.NDArray[np.intp]) -> None:
         """Add [J r] of some rows, (p + 1, m, n of them)."""
-        for kind, own in enumerate(self._columns):
-            part = (columns if len(self._columns) == 1 else columns[:, own]).reshape(len(columns), -1)
-            if not self._any[kind]:
+        numbers = self.numbers
+        for kind, own in enumerate(numbers.columns):
+            part = (columns if numbers.kinds == 1 else columns[:, own]).reshape(len(columns), -1)
+            if not numbers.some[kind]:
                 self.sums.plain[kind] += part @ part.T
                 continue
-            sigma = self._sigma[rows][:, own].T.ravel()
+            sigma = numbers.sigma[rows][:, own].T.ravel()
             stated = part * np.where(np.isnan(sigma), 0.0, 1 / sigma)
             self.sums.stated[kind] += stated @ stated.T
-            if not self._all[kind]:
+            if not numbers.all[kind]:
                 rest = part * np.isnan(sigma)
                 self.sums.plain[kind] += rest @ rest.T

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
-from urdfcal.estimation.normal import Summing, Sums
+from urdfcal.estimation.normal import Numbers, Summing, Sums
 
 Kinds = npt.NDArray[np.intp]
 Linearise = Callable[[Vector], "Linearisation"]
@@ -173,7 +173,7 @@ class Linearisation:
     def sums(self) -> Sums:
         """Its normal equations by kind of noise; every number for itself, also where poses were read several times."""
         n, jacobian = len(self.residual) - self.known, self.jacobian
-        summing = Summing(jacobian.shape[2], self.kinds, self.stated_sigma[:n])
+        summing = Summing(jacobian.shape[2], Numbers(self.kinds, self.stated_sigma[:n]))
         columns = np.concatenate([jacobian, self.residual[..., None]], axis=2)
         summing.add(np.ascontiguousarray(columns[:n].transpose(2, 1, 0)), slice(n))
         known = (columns[n:] / np.where(self.measured[n:], self.stated_sigma[n:], np.inf)[..., None]).reshape(-1, columns.shape[2])
