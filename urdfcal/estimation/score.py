@@ -28,6 +28,7 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.estimation.ekf import Belief
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation
 
 SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisance may have
@@ -73,9 +74,17 @@ class Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
         return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)
 
-    def weighed(self, weights: Vector) -> Fitted:
-        """The same fit where every number is so many times as precise, (N,)."""
-        return replace(self, H=self.H * weights[:, None], y=self.y * weights)
+    def weighed(self, weights: Vector) -> tuple[float, float]:
+        """Log evidence, and what there is to explain, of the same fit where every number is so many times as precise, (N,)."""
+        rows = self._side_by_side * weights[:, None]
+        normal = Normal.of(rows.T @ rows)
+        information = normal.A + np.eye(len(normal.b))
+        total = normal.c - float(normal.b @ np.linalg.solve(information, normal.b))
+        return -0.5 * (self.numbers * float(np.log(total)) + float(np.linalg.slogdet(information)[1])), total
+
+    @cached_property
+    def _side_by_side(self) -> Matrix:
+        return np.column_stack([self.H, self.y])
 
     def _spread(self, columns: Matrix) -> Matrix:
         return columns if self.roots is None else rows_times(self.roots, columns)

@@ -26,7 +26,7 @@ from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture, inverse_
 from urdfcal.model.softness import Yielding
 from urdfcal.model.walk import Placements
 
-CHUNK = 512  # poses worked on at once, so that the temporaries stay in the processor's cache
+CHUNK = 2048  # poses worked on at once, so that the temporaries stay in the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

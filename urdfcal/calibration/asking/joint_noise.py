@@ -21,10 +21,10 @@ def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
     tried = []
     for sigma in _SIGMAS.tolist():
         grown = 1 + sigma**2 * np.maximum(values, 0.0)
-        spread = turned.weighed(1 / np.sqrt(grown.ravel()))
-        gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
-        scale = np.sqrt(spread.total / spread.numbers)  # what is left of the sensor's own noise
-        tried.append((gain, float(sigma * scale), grown, 1 - spread.total / fitted.total, float(scale)))
+        evidence, total = turned.weighed(1 / np.sqrt(grown.ravel()))
+        gain = evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
+        scale = np.sqrt(total / fitted.numbers)  # what is left of the sensor's own noise
+        tried.append((gain, float(sigma * scale), grown, 1 - total / fitted.total, float(scale)))
     gain, sigma, grown, share, left = max(tried, key=lambda each: each[0])
     roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
     price = float(np.log(len(tried)))
