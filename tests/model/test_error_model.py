@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -72,6 +74,18 @@ def test_written_origins_are_the_model(robots: dict[str, Robot], name: str, mode
         for joint in way:
             laser = laser * origins.get(joint.name, joint.origin)
         assert_poses_close(laser, pin.SE3(expected), mm=1e-10, mrad=1e-10)
+
+
+def test_a_copy_leaves_behind_what_can_be_worked_out_again(robots: dict[str, Robot]) -> None:
+    """Pickled after use it is no larger than before, and places the arm alike."""
+    robot = robots["panda"]
+    errors = build_error_model(robot.chain, robot.rig)
+    before, x = len(pickle.dumps(errors)), np.full(len(errors.names), 0.01)
+    placed = errors.placements(x)
+    assert errors.arm.elements
+    copied = pickle.dumps(errors)
+    assert len(copied) <= before
+    np.testing.assert_array_equal(pickle.loads(copied).placements(x).joints, placed.joints)
 
 
 def test_untouched_joints_are_not_written(robots: dict[str, Robot]) -> None:

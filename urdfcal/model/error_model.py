@@ -7,7 +7,7 @@ origin (or, where the URDF has no joint of its own for it, right before one). Th
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -59,6 +59,10 @@ class ErrorModel:
     rig: Rig | None = None
     earlier: EarlierJoints | None = None
     known: frozenset[str] = frozenset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and files: without what is worked out when it is asked for."""
+        return {own.name: self.__dict__[own.name] for own in fields(self)}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
