@@ -91,9 +91,9 @@ class SoftArm:
         self.model, self.layout = robot.chain.new_model(errors.soft.bends)
         placed = errors.placements(x)
         for joint, placement in zip(self.layout.first, placed.joints, strict=True):
-            self.model.jointPlacements[joint] = placement
+            self.model.jointPlacements[joint] = pin.SE3(placement)
         T_module_laser = product([joint.origin for joint in robot.chain.laser_joints[0]])
-        self.module = placed.frames[robot.chain.laser_frames[0]] * T_module_laser.inverse()
+        self.module = pin.SE3(placed.frames[robot.chain.laser_frames[0]]) * T_module_laser.inverse()
 
     def T_screen_module(self, q: Vector) -> Any:
         """Where the module stands at joint readings q."""

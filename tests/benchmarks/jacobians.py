@@ -22,7 +22,8 @@ import urdfcal
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, ArmMotion, arm_motion
+from urdfcal.model.jacobian import ArmMotion, arm_motion
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.configurations import joint_limits

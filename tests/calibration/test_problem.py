@@ -50,6 +50,28 @@ def test_jacobians_are_the_derivatives_of_what_is_predicted(
     assert used.sum() > least * len(x)  # the parameters do something, or nothing would have been compared
 
 
+@pytest.mark.parametrize("name", ["sessions", "every kind", "hand sees hand"])
+def test_sums_of_parts_are_those_of_the_whole(
+    name: str, robots: dict[str, Robot], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sums taken part by part, known lengths included, are those of the whole Jacobian, which is the same in one part or in many."""
+    setup = setup_of(CASES[name], robots, rng)
+    data = simulate_readings(setup, 23, rng)
+    lengths = (KnownLength("socket:1", "socket:2", 0.3, 1e-4),) if "socket:1" in {place.name for place in data.instruments.places} else ()
+    whole, x = far_state(setup, replace(data, lengths=lengths), "auto", CASES[name], rng)
+    whole = replace(whole, joints=False)
+    here = whole.linearise(x)
+    monkeypatch.setattr("urdfcal.calibration.problem.CHUNK", 4)
+    parts = replace(whole).linearise(x)
+    np.testing.assert_allclose(parts.jacobian, here.jacobian, atol=1e-12)
+    np.testing.assert_allclose(parts.jacobian, replace(whole, joints=True).linearise(x).jacobian, atol=1e-12)
+    dense = replace(here, residual=here.residual)
+    for own, other in ((parts.sums, dense.sums), (here.sums, dense.sums)):
+        for what in ("plain", "stated", "known"):
+            expected = getattr(other, what)
+            np.testing.assert_allclose(getattr(own, what), expected, atol=1e-12 * max(1.0, np.abs(expected).max()))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_joint_jacobians_are_the_derivatives_by_the_joints_readings(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
     """By every measured joint: mimic joints, slides, and joints that carry the reference, walked backward."""

@@ -7,6 +7,7 @@ import pytest
 
 from urdfcal.estimation.ekf import Belief, compress, iterated_schedule, paper_schedule, update
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation
 
 
@@ -61,7 +62,7 @@ def test_compressed_measurements_say_the_same(rng: np.random.Generator, seen: in
     """At most p rows carry the information of all, also where some directions are not seen."""
     prior, H, y, _ = linear_problem(rng)
     H = H[:, :seen] @ rng.normal(size=(seen, 6))
-    rows, short = compress(H, y - H @ prior.x, np.ones(6))
+    rows, short = compress(Normal.of_rows(H, y - H @ prior.x), np.ones(6))
     assert len(short) == seen
     found, _ = update(prior, short, rows, np.eye(len(short)))
     expected = batch(prior, H, y, np.eye(len(y)))

@@ -74,7 +74,7 @@ def test_copies_are_worth_one_reading(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(posterior(ten, prior, noise), P, rtol=1e-10)
         assert noise.chi_squared(ten) == pytest.approx(noise.chi_squared(one), rel=1e-12)
         assert (ten.count, *ten.counts) == pytest.approx((one.count, *one.counts), rel=1e-12)
-        free = [degrees_of_freedom(each, noise.weights(each).jacobian(each), Belief(np.zeros(3), P)) for each in (one, ten)]
+        free = [degrees_of_freedom(each, noise, Belief(np.zeros(3), P)) for each in (one, ten)]
         np.testing.assert_allclose(*free, rtol=1e-10)
         assert misfits(ten, noise, P)[0].chi_squared == pytest.approx(misfits(one, noise, P)[0].chi_squared, rel=1e-9)
 

@@ -100,3 +100,10 @@ def test_a_thinned_fit_is_that_of_some_rows(fitted: Fitted, rng: np.random.Gener
     rows = np.concatenate([np.arange(row * M, row * M + M) for row in range(0, ROWS, 3)])
     expected = Fitted(fitted.H[rows], fitted.y[rows], ROWS * M * 7 / ROWS)
     np.testing.assert_allclose(some.asked(B[rows]).gains, expected.asked(B[rows]).gains, rtol=1e-12)
+
+
+def test_more_precise_numbers_weigh_more(rng: np.random.Generator) -> None:
+    """Evidence and what there is to explain under other precisions are those of a fit whose rows were scaled by them."""
+    fitted, weights = Fitted(rng.normal(size=(60, 4)), rng.normal(size=60), 56.0), rng.uniform(0.2, 1.0, 60)
+    scaled = Fitted(fitted.H * weights[:, None], fitted.y * weights, 56.0)
+    np.testing.assert_allclose(fitted.weighed(weights), (scaled.log_evidence, scaled.total), rtol=1e-12)

@@ -10,7 +10,8 @@ from tests.support.helpers import ROBOTS, central_differences, poses_in_view
 from urdfcal.base.errors import ShapeMismatch
 from urdfcal.base.geometry import six_screws
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmKinematics, arm_motion
+from urdfcal.model.jacobian import arm_motion
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.robot import Robot
@@ -52,7 +53,7 @@ def test_joint_jacobian_is_the_derivative_by_q(robots: dict[str, Robot], name: s
     def spots(positions: np.ndarray) -> np.ndarray:
         return beams_in(robot.chain, arm_motion(arm, errors, positions[None], x)).spots[0]
 
-    motion = arm_motion(arm, errors, q[None], x, joints=True)
+    motion = arm_motion(arm, errors, q[None], x)
     direction = beams_in(robot.chain, motion).direction
     jacobian = spot_jacobian(spots(q)[None], direction)[0] @ motion.axis_twists @ robot.chain.coupling.T
     np.testing.assert_allclose(jacobian, central_differences(spots, q), rtol=1e-7, atol=1e-8)

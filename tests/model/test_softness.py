@@ -16,7 +16,8 @@ from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.gravity import Gravity, WeighedRobot
-from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.jacobian import motion_at
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.softness import EXTRAS, Softness, across, extra_terms, gravity_terms
 from urdfcal.robot.chain import Step

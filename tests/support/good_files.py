@@ -38,8 +38,16 @@ BENCH = "distance [mm],laser_1.x [mm],laser_1.y [mm],laser_2.x [mm],laser_2.y [m
 MTL = "newmtl grey\nKd 0.5 0.5 0.5\n"
 SHOWN = "".join(f'<visual><geometry><mesh filename="part.{ending}"/></geometry></visual>' for ending in ("stl", "obj", "dae"))
 UR = f'<robot name="ur"><link name="base_link"/>{ur_text("")}</robot>'
+TARGETS = "turn,lift,slide [mm],note\n0.1,0.2,100,a\n-0.3,0.1,50,b\n"
+DH = "joint,d_a [mm],d_alpha,d_theta [deg]\nturn,0.5,1e-3,0.02\nlift,-0.1,2e-3,0.1\n"
+SCRIPT = "def p():\n  q = [0.1, 0.2, 0.05]\n  movej(q)\n  movej([-0.2,0.3,0.1], a=1)\nend\n"
+KRL = "PTP {A1 10.0,A2 5,A3 0.5}\nDECL E6AXIS XP1={A1 -3.0,A2 2.0,A3 0.25}\n"
 TEXTS = {
     "small.urdf": URDF,
+    "targets.csv": TARGETS,
+    "dh.csv": DH,
+    "p.script": SCRIPT,
+    "p.src": KRL,
     "small.xacro": XACRO,
     "shown.urdf": URDF.replace('<link name="upper"/>', f'<link name="upper">{SHOWN}</link>'),
     "ur.urdf": UR,
@@ -69,6 +77,11 @@ COMMANDS = {
         "paper small.urdf --runs 1",
         "simulate small.urdf -o out.csv --overwrite --poses 3 --sag-mrad 1",
     ),
+    "c.urdf": (
+        "import small.urdf c.urdf -o out.yaml --overwrite",
+        "compare small.urdf c.urdf --json",
+        "rig c.urdf --tip tool --tracker --prefix two_ -o out.urdf --overwrite",
+    ),
     "small.xacro": ("fit small.xacro m.csv -o out.urdf --overwrite --xacro-arg height:=0.2", "dh small.xacro"),
     "m.csv": (
         "fit small.urdf m.csv -o out.urdf --overwrite",
@@ -91,7 +104,14 @@ COMMANDS = {
         "dh small.urdf --calibration c.yaml",
         "view small.urdf --calibrated c.yaml --html out.html --overwrite",
         "fit c.urdf m.csv --after c.yaml -o out.urdf --overwrite",
+        "compare c.yaml small.urdf",
+        "correct small.urdf targets.csv --calibration c.yaml -o out.csv --overwrite --tool tool",
     ),
+    "dh.csv": ("import small.urdf dh.csv --convention modified --tip tool -o out.yaml --overwrite",),
+    **{
+        name: (f"correct small.urdf {name} --calibration c.yaml -o out.{name.rpartition('.')[2]} --overwrite --tool tool",)
+        for name in ("targets.csv", "p.script", "p.src")
+    },
     "ur.yaml": ("apply ur.urdf urc.yaml --format ur --ur-hash-from ur.yaml -o out.yaml --overwrite",),
     "errors.yaml": ("simulate small.urdf -o out.csv --overwrite --poses 5 --errors errors.yaml",),
     "camera.yaml": (
@@ -114,7 +134,7 @@ COMMANDS = {
     **{name: (_VIEW,) for name in ("part.stl", "part.obj", "part.mtl", "part.dae", "part.png")},
     **{name: (f"fit small.urdf {name} -o out.urdf --overwrite", f"evaluate small.urdf {name}") for name in SENSORS},
 }
-BESIDE = ("c.urdf", "ur.urdf", "urc.yaml", "sag.yaml", "sag.urdf", *VIEWS[1:])  # what commands take beside the file that is broken
+BESIDE = ("ur.urdf", "urc.yaml", "sag.yaml", "sag.urdf", *VIEWS[1:])  # what commands take beside the file that is broken
 FIT = {"out.urdf", "out_calibration.yaml"}
 Run = Callable[..., CliResult]
 

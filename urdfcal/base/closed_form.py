@@ -57,8 +57,8 @@ def point_and_frame(R: Array3, b: Matrix, a: Matrix) -> tuple[SE3, Vector]:
         a: Measured points, (n, 3), [m].
     """
     in_turn = _InTurn(R, b, a)
-    first = [in_turn.from_offset(x, _FIRST_ROUNDS) for x in _OFFSETS]
-    R_Y, y, x = in_turn.from_offset(min(first, key=in_turn.left)[2], _ROUNDS)
+    best = min(zip(*in_turn.from_offsets(_OFFSETS, _FIRST_ROUNDS), strict=True), key=in_turn.left)
+    (R_Y,), (y,), (x,) = in_turn.from_offsets(best[2][None], _ROUNDS)
     return pin.SE3(R_Y, y), x
 
 
@@ -77,11 +77,11 @@ class _InTurn:
         self.without = inverse @ b.ravel()
         self.by_rotation = np.einsum("cnj,nl->cjl", inverse.reshape(6, -1, 3), a).reshape(6, 9)
 
-    def from_offset(self, x: Vector, rounds: int) -> tuple[Matrix, Vector, Vector]:
-        """R_Y, y and x after some rounds that begin at an offset x."""
+    def from_offsets(self, x: Matrix, rounds: int) -> tuple[Array3, Matrix, Matrix]:
+        """R_Y (k, 3, 3), y and x (k, 3) after some rounds that begin at offsets x (k, 3)."""
         for _ in range(rounds):
-            R_Y, last = nearest_rotation(self.still + self.by_offset @ x), x
-            y, x = np.split(self.without - self.by_rotation @ R_Y.ravel(), 2)
+            R_Y, last = nearest_rotation(self.still + (self.by_offset @ x.T).transpose(2, 0, 1)), x
+            y, x = np.split(self.without - R_Y.reshape(-1, 9) @ self.by_rotation.T, 2, axis=1)
             if np.max(np.abs(x - last)) < _STILL:
                 break
         return R_Y, y, x
@@ -109,9 +109,10 @@ def umeyama(a: Matrix, b: Matrix) -> SE3:
 
 
 def nearest_rotation(M: Matrix) -> Matrix:
-    """The rotation nearest to a matrix (3, 3)."""
+    """The rotation nearest to a matrix (3, 3), or to each of some (..., 3, 3)."""
     U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return np.asarray(U @ Vt)
 
 
 def camera_before(points: Matrix, rays: Matrix) -> SE3:

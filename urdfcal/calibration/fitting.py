@@ -496,7 +496,7 @@ class _Asked:
     @property
     def scaled_model(self) -> Problem:
         """The problem of the last fit."""
-        return replace(self.clean.model, errors=self.scaled.errors)
+        return self.clean.model.with_prior(self.scaled.errors)
 
     @property
     def stands_out(self) -> tuple[StandsOut, ...]:

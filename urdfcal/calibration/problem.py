@@ -9,28 +9,30 @@ two, in the measuring frame's axes at the measuring frame's origin:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
-from urdfcal.base.rotations import skew
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.normal import Numbers, Summing
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
-from urdfcal.model.error_model import ErrorModel, Placements
-from urdfcal.model.jacobian import CHUNK, ArmKinematics, ArmMotion, motion_at
-from urdfcal.robot.chain import Chain
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
+from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.readings import KnownLength, Readings
 from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
+Known = tuple[float, Vector, float]
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
+_UNIT = np.eye(3)
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
 
 
@@ -93,32 +95,40 @@ class Channel:
 
     def view(self, motion: ArmMotion, rows: Rows, x: Vector) -> View:
         """The target as the measuring frame sees it at some poses."""
-        p, R = seen_placement(motion.frames, self.target, self.frame)
+        p, R = motion.seen(self.target, self.frame)
+        if not self._places:
+            return View(p, R, np.empty((len(p), 0)), np.broadcast_to(_UNIT, R.shape))
         columns = self._place_columns[rows]
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
 
-    def put(self, linearisation: _Numbers, motion: ArmMotion, placed: Placements, rows: Rows, x: Vector) -> None:
-        """Residual, Jacobian and joint Jacobian of some poses at x, into the arrays of all of them."""
-        measured = self.readings.measured[rows]
+    def look(self, swept: _Swept, g: Array3, motion: ArmMotion, rows: Rows, x: Vector) -> Callable[[Array3], None] | None:
+        """Residual of some poses at x into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
+
+        Returns:
+            What adds derivatives by parameters that are none of the arm's, once the arm's are there; None if there are no such.
+        """
+        measured, own = self.readings.measured[rows], self.block.columns
         if not measured.any():
-            return
+            return None
+        whole = bool(measured.all())
         look, of_rig = self._look(motion, rows, x)
-        jac2 = look.jac2 if measured.all() else np.where(measured[..., None], look.jac2, 0.0)
-        jacobian, by_joint = seen_by(jac2, self.errors.chain, motion, placed, self.target, self.frame)
-        columns = self._place_columns[rows]
-        if look.by_place is not None and (columns >= 0).any():
-            pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
-            by_place = np.where(measured[..., None], look.by_place, 0.0) * (columns >= 0)[:, None]
-            jacobian[pose, number, columns[:, None]] += by_place  # a held number's -1 gets zeros
-        jacobian[:, :, self._rig_columns] += np.where(measured[..., None], of_rig, 0.0)
-        own = self.block.columns
-        linearisation.residual[rows, own] = look.residual if measured.all() else np.where(measured, look.residual, 0.0)
-        linearisation.jacobian[rows, own] = jacobian
-        if linearisation.joint_jacobian.shape[2]:
-            linearisation.joint_jacobian[rows, own] = by_joint
+        swept.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
+        g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
         if look.lost is not None:
-            linearisation.lost[rows, linearisation.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+            swept.lost[rows, swept.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+        if look.by_place is None and not of_rig.shape[2]:
+            return None
+        return lambda columns: self._put_beside(columns[:, own], look, of_rig, rows)
+
+    def _put_beside(self, columns: Array3, look: Look, of_rig: Array3, rows: Rows) -> None:
+        """Derivatives of some poses by places that they share, and by what the rig does, into those by all parameters, (p, m, n)."""
+        measured, of_place = self.readings.measured[rows], self._place_columns[rows]
+        if look.by_place is not None and (of_place >= 0).any():
+            pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
+            by_place = np.where(measured[..., None], look.by_place, 0.0) * (of_place >= 0)[:, None]
+            columns[of_place[:, None], number, pose] += by_place  # a held number's -1 gets zeros
+        columns[self._rig_columns] += np.where(measured[..., None], of_rig, 0.0).transpose(2, 1, 0)
 
     @cached_property
     def _rig_columns(self) -> list[int]:
@@ -135,15 +145,44 @@ class Channel:
         return disturbed(self.errors.rig, x[self._rig_columns], self.sensor, view, look, at)
 
 
-@dataclass(frozen=True)
-class _Numbers:
-    """What a linearisation is made of, to be filled by the channels."""
+@dataclass
+class _Swept:
+    """What a linearisation is made of, to be filled by the channels.
+
+    Attributes:
+        residual, joint_jacobian, lost, blocks: As of a `Linearisation`.
+        jacobian: The same; None where it is not kept.
+        summing: Takes sums; None where there are none to be taken.
+        last: Columns [J r] of the only part, (p + 1, m, n), if there is no other.
+    """
 
     residual: Matrix
-    jacobian: Array3
     joint_jacobian: Array3
     lost: Mask
     blocks: tuple[Block, ...]
+    jacobian: Array3 | None
+    summing: Summing | None
+    last: Array3 | None = None
+
+    @property
+    def whole(self) -> Array3 | None:
+        """The Jacobian, where there is only one part of it."""
+        return None if self.last is None else np.ascontiguousarray(self.last[:-1].transpose(2, 1, 0))
+
+
+@dataclass(frozen=True)
+class Part:
+    """Poses of one session that are worked on at once.
+
+    Attributes:
+        session: Which.
+        rows: Which poses.
+        posture: The joints, where none gives way.
+    """
+
+    session: str
+    rows: Rows
+    posture: Posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +219,7 @@ class Problem:
     @cached_property
     def arm(self) -> ArmKinematics:
         """Kinematics of the chain."""
-        return ArmKinematics(self.errors.chain, self.errors.soft.bends if self.errors.soft is not None else ())
+        return self.errors.arm
 
     @cached_property
     def positions(self) -> Matrix:
@@ -210,15 +249,16 @@ class Problem:
         return np.concatenate(stated, axis=1) if stated else np.empty((len(self.data), 0))
 
     @cached_property
-    def parts(self) -> tuple[tuple[str, Rows], ...]:
-        """Sessions and rows of poses that are worked on at once."""
-        return tuple(part for session in self.errors.sessions for part in self._chunks(session))
+    def parts(self) -> tuple[Part, ...]:
+        """Poses of one session that are worked on at once."""
+        chunks = [(session, rows) for session in self.errors.sessions for rows in self._chunks(session)]
+        return tuple(Part(session, rows, self.arm.posture(self.positions[rows])) for session, rows in chunks)
 
-    def _chunks(self, session: str) -> list[tuple[str, Rows]]:
+    def _chunks(self, session: str) -> list[Rows]:
         if len(self.errors.sessions) == 1:
-            return [(session, slice(start, start + CHUNK)) for start in range(0, len(self.data), CHUNK)]
+            return [slice(start, start + CHUNK) for start in range(0, len(self.data), CHUNK)]
         rows = np.flatnonzero(self.data.sessions == session)
-        return [(session, rows[start : start + CHUNK]) for start in range(0, len(rows), CHUNK)]
+        return [rows[start : start + CHUNK] for start in range(0, len(rows), CHUNK)]
 
     @cached_property
     def linearise(self) -> Linearise:
@@ -226,41 +266,135 @@ class Problem:
         return remembering(self._linearised)
 
     def _linearised(self, x: Vector) -> Linearisation:
-        n, m = self.measured.shape
-        inputs = len(self.data.joints) if self.joints else 0
-        linearisation = _Numbers(
+        swept = self._swept(x, summing=not self._dense, keeping=self._dense or self._asked.pop("jacobian", False))
+        known = _known_rows(self.errors, self.data.lengths, x)
+        linearised = _with_known(
+            Linearisation(
+                swept.residual,
+                np.empty((0, *swept.residual.shape[1:], len(x))),
+                swept.joint_jacobian,
+                self.measured,
+                self.stated_sigma,
+                self.blocks,
+                swept.lost,
+                poses=self.data.pose_of if self.data.again else None,
+            ),
+            known,
+        )
+        linearised = replace(linearised, jacobian=lambda: self._jacobian(swept, known, x))
+        if swept.summing is None:
+            return linearised
+        return linearised.with_sums(swept.summing.sums.plus(_products(known)) if known else swept.summing.sums)
+
+    @property
+    def _dense(self) -> bool:
+        """Whether the noise is not a factor a number, so that its sums cannot be taken on the way."""
+        return self.joints or self.data.again
+
+    def _jacobian(self, swept: _Swept, known: Sequence[Known], x: Vector) -> Array3:
+        """The whole Jacobian where sums were taken of it: kept, from the only part, or by another sweep; the next one keeps it."""
+        self._asked["jacobian"] = True
+        whole = swept.jacobian if swept.jacobian is not None else swept.whole
+        if whole is None:
+            whole = self.jacobian(x)
+        return np.concatenate([whole, _stacked(known, *whole.shape[1:])]) if known else whole
+
+    def jacobian(self, x: Vector) -> Array3:
+        """The whole Jacobian at a state, (n, m, p), without what is known beforehand."""
+        jacobian = self._swept(x, summing=False, keeping=True).jacobian
+        assert jacobian is not None
+        return jacobian
+
+    @cached_property
+    def _asked(self) -> dict[str, bool]:
+        """Whether the whole Jacobian of the last state was asked for: who did, as robust fits do, will ask again."""
+        return {}
+
+    def _swept(self, x: Vector, summing: bool, keeping: bool) -> _Swept:
+        """One sweep over all poses: sums of what is read, the whole Jacobian, or both."""
+        n, m, p = *self.measured.shape, len(self.errors.names)
+        swept = _Swept(
             residual=np.zeros((n, m)),
-            jacobian=np.zeros((n, m, len(self.errors.names))),
-            joint_jacobian=np.zeros((n, m, inputs)),
+            joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
+            jacobian=np.zeros((n, m, p)) if keeping else None,
+            summing=Summing(p, self._numbers) if summing else None,
         )
-        placed = {session: self.errors.placements(x, session) for session in self.errors.sessions}
-        for session, rows in self.parts:
-            motion = self.motion(x, placed[session], rows, self.joints)
-            for channel in self.channels:
-                channel.put(linearisation, motion, placed[session], rows, x)
-        linearised = Linearisation(
-            linearisation.residual,
-            linearisation.jacobian,
-            linearisation.joint_jacobian,
-            self.measured,
-            self.stated_sigma,
-            self.blocks,
-            linearisation.lost,
-            poses=self.data.pose_of if self.data.again else None,
-        )
-        return _with_known(linearised, self.errors, self.data.lengths, x)
+        for part, motion in self._motions(x):
+            self._sweep(swept, motion, part, x)
+        return swept
 
-    def motion(self, x: Vector, placed: Placements, rows: Rows, joints: bool = False) -> ArmMotion:
+    def _sweep(self, swept: _Swept, motion: ArmMotion, part: Part, x: Vector) -> None:
+        """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
+        rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
+        g = np.zeros((n, m, 6))
+        beside = [channel.look(swept, g, motion, rows, x) for channel in self.channels]
+        columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
+        self._shares[part.session].apply(columns)
+        for put in filter(None, beside):
+            put(columns)
+        if swept.jacobian is not None:
+            swept.jacobian[rows] = columns[:-1].transpose(2, 1, 0)
+        if swept.summing is not None:
+            columns[-1] = swept.residual[rows].T
+            swept.summing.add(columns, rows)
+            swept.last = columns if len(self.parts) == 1 and swept.jacobian is None else None
+        if self.joints:
+            self._axis_shares.apply(by_axis)
+            swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
+
+    @cached_property
+    def _numbers(self) -> Numbers:
+        kinds = [channel.block.kind for channel in self.channels for _ in range(channel.sensor.numbers)]
+        return Numbers(np.array(kinds, dtype=np.intp), self.stated_sigma)
+
+    @cached_property
+    def _shares(self) -> Mapping[str, Shares]:
+        """By session: whether each parameter moves what each number is of against what it is seen from, (p, m)."""
+        found = {}
+        for session in self.errors.sessions:
+            moves = self.errors.moves(session).astype(float)
+            found[session] = Shares.of([self._against(moves, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
+        return found
+
+    @cached_property
+    def _axis_shares(self) -> Shares:
+        """The same of each moving joint, (moving, m)."""
+        passed = np.array([np.arange(len(self.errors.chain.moving)) < frame.depth for frame in self.errors.chain.frames], dtype=float)
+        return Shares.of([self._against(passed, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
+
+    @staticmethod
+    def _against(moves: Matrix, channel: Channel) -> Vector:
+        return np.asarray(moves[channel.target] - (0.0 if channel.frame is None else moves[channel.frame]))
+
+    def _motion(self, x: Vector, arm: PlacedArm, part: Part) -> ArmMotion:
         """Where everything is at some poses, and how it moves; joints give way as far as the error model has them."""
-        yielding = self.errors.yielding(x, self._soft_basis[rows]) if self._soft_basis is not None else None
-        return motion_at(self.arm, placed, self.positions[rows], joints, yielding)
+        if self._soft_basis is None:
+            return ArmMotion(arm, part.posture)
+        yielding = self.errors.yielding(x, self._soft_basis[part.rows])
+        return ArmMotion(arm, self.arm.posture(self.positions[part.rows], yielding), yielding)
+
+    def motion(self, x: Vector) -> ArmMotion:
+        """The same of all poses at once, as if they were of the first session."""
+        session, rows = self.errors.sessions[0], slice(len(self.data))
+        whole = Part(session, rows, self.arm.posture(self.positions))
+        return self._motion(x, PlacedArm(self.arm, self.errors.placements(x, session)), whole)
+
+    def _motions(self, x: Vector) -> Iterator[tuple[Part, ArmMotion]]:
+        """The same of all poses, by parts."""
+        arms = {session: PlacedArm(self.arm, self.errors.placements(x, session)) for session in self.errors.sessions}
+        for part in self.parts:
+            yield part, self._motion(x, arms[part.session], part)
+
+    def motions(self, x: Vector) -> Iterator[tuple[Rows, ArmMotion]]:
+        """The same, with the rows of the poses."""
+        for part, motion in self._motions(x):
+            yield part.rows, motion
 
     def views(self, x: Vector) -> tuple[View, ...]:
         """What every channel looks at, at all poses."""
-        placed = {session: self.errors.still_placements(x, session) for session in self.errors.sessions}
-        parts = [(rows, self.motion(x, placed[session], rows)) for session, rows in self.parts]
+        parts = list(self.motions(x))
         order = np.argsort(np.concatenate([np.arange(len(self.data))[rows] for rows, _ in parts])) if parts else np.empty(0, dtype=int)
         return tuple(_joined([channel.view(motion, rows, x) for rows, motion in parts], order) for channel in self.channels)
 
@@ -272,35 +406,16 @@ class Problem:
         """The same robot put to other measurements."""
         return replace(self, data=data)
 
+    def with_prior(self, errors: ErrorModel) -> Problem:
+        """The same where other standard deviations are expected: what was worked out stays."""
+        other = replace(self, errors=errors)
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name != "errors"})
+        return other
+
 
 def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:
     """The problem of some poses with what noise asks for: derivatives by the joints, too, where their readings are noisy."""
     return Problem(errors, data, joints=noise.of_joints)
-
-
-def seen_placement(frames: Array4, target: int, frame: int | None) -> tuple[Matrix, Array3]:
-    """Origin (n, 3) and axes (n, 3, 3) of one of a chain's frames, in another one or in the chain's base."""
-    p, R = frames[target][:, :, 3], frames[target][:, :, :3]
-    if frame is None:
-        return p, R
-    back = frames[frame][:, :, :3].transpose(0, 2, 1)
-    return (back @ (p - frames[frame][:, :, 3])[..., None])[..., 0], back @ R
-
-
-def seen_by(jac2: Array3, chain: Chain, motion: ArmMotion, placed: Placements, target: int, frame: int | None) -> tuple[Array3, Array3]:
-    """Derivatives by parameter (n, m, p) and by measured joint (n, m, inputs) of what jac2 (n, m, 6) has of a frame's twists in another.
-
-    The twists are those of one of a chain's frames in another one, or in the base. Few numbers are seen of many columns: so it is jac2
-    that is brought to the base's origin and axes, and not every column to the measuring frame's.
-    """
-    passed = np.arange(1, motion.axis_twists.shape[2] + 1)
-    share, joints = placed.moves[target].astype(float), (passed <= chain.frames[target].depth).astype(float)
-    if frame is not None:
-        share, joints = share - placed.moves[frame], joints - (passed <= chain.frames[frame].depth)
-    if frame is not None:
-        jac2 = jac2 @ _from_base(motion.frames[frame])
-    by_joint = ((jac2 @ motion.axis_twists) * joints) @ (chain.coupling.T if len(joints) else np.empty((0, 0)))
-    return (jac2 @ motion.jac1) * share, by_joint
 
 
 def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
@@ -309,33 +424,40 @@ def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
     return View(p, R, place, axes)
 
 
-def _from_base(frames: Array3) -> Array3:
-    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
-    back = frames[:, :, :3].transpose(0, 2, 1)
-    action = np.zeros((len(frames), 6, 6))
-    action[:, :3, :3] = action[:, 3:, 3:] = back
-    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
-    return action
+def _known_rows(errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> list[Known]:
+    """What is known beforehand: distances between places, a sum of parameters that is held, and what an earlier calibration decided.
 
-
-def _with_known(linearisation: Linearisation, errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> Linearisation:
-    """The same with what is known beforehand as further rows: distances between places, and a sum of parameters that is held.
-
-    Each stands in the first number of its row.
+    Residual, gradient and standard deviation of each.
     """
     known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
-    known += [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
+    return known + [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
+
+
+def _products(known: Sequence[Known]) -> Matrix:
+    """[J r]'[J r] of what is known beforehand, whitened, (p + 1, p + 1)."""
+    rows = np.array([np.append(gradient, left) / deviation for left, gradient, deviation in known])
+    return np.asarray(rows.T @ rows)
+
+
+def _stacked(known: Sequence[Known], m: int, p: int) -> Array3:
+    """Gradients of what is known beforehand, each in the first number of its row, (rows, m, p)."""
+    rows = np.zeros((len(known), m, p))
+    rows[:, 0] = [gradient for _, gradient, _ in known]
+    return rows
+
+
+def _with_known(linearisation: Linearisation, known: Sequence[Known]) -> Linearisation:
+    """The same with what is known beforehand as further rows, but for the Jacobian where that is not worked out yet."""
     if not known:
         return linearisation
-    rows, m, p = len(known), linearisation.residual.shape[1], len(x)
-    residual, jacobian, sigma = np.zeros((rows, m)), np.zeros((rows, m, p)), np.full((rows, m), np.nan)
-    for row, (left, gradient, deviation) in enumerate(known):
-        residual[row, 0], jacobian[row, 0], sigma[row, 0] = left, gradient, deviation
+    rows, m = len(known), linearisation.residual.shape[1]
+    residual, sigma = np.zeros((rows, m)), np.full((rows, m), np.nan)
+    for row, (left, _, deviation) in enumerate(known):
+        residual[row, 0], sigma[row, 0] = left, deviation
     return replace(
         linearisation,
         known=rows,
         residual=np.vstack([linearisation.residual, residual]),
-        jacobian=np.concatenate([linearisation.jacobian, jacobian]),
         joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),
         measured=np.vstack([linearisation.measured, ~np.isnan(sigma)]),
         stated_sigma=np.vstack([linearisation.stated_sigma, sigma]),

@@ -19,6 +19,7 @@ import numpy as np
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.base.progress import each
 from urdfcal.estimation.noise import Noise, Weights
+from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation, Linearise
 from urdfcal.estimation.valley import Gradient, Valley
 
@@ -110,17 +111,16 @@ def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Be
     return Belief(belief.x + K @ innovation, (P + P.T) / 2), float(innovation @ solved[:, -1])
 
 
-def compress(H: Matrix, innovation: Vector, sigma: Vector) -> tuple[Matrix, Vector]:
-    """Replace many measurements of unit covariance by at most p that say the same of the state.
+def compress(normal: Normal, sigma: Vector) -> tuple[Matrix, Vector]:
+    """Replace many measurements of unit covariance, with their innovations, by at most p that say the same of the state.
 
     Any root B of the information, B'B = H'H, will do, with the innovation B^-T H' innovation. Where the information is well
     conditioned that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that rounding alone would
     claim to know. Both are taken in units of what each parameter would be known to by itself, given the standard deviations `sigma`
     before the measurement.
     """
-    information = H.T @ H
-    scale = 1 / np.sqrt(np.diag(information) + 1 / sigma**2)
-    information, gradient = information * np.outer(scale, scale), scale * (innovation @ H)
+    scale = 1 / np.sqrt(np.diag(normal.A) + 1 / sigma**2)
+    information, gradient = normal.A * np.outer(scale, scale), scale * normal.b
     try:
         root = np.linalg.cholesky(information)
         pivots = np.diag(root)
@@ -165,11 +165,10 @@ def iterated_schedule(
         return Estimate(belief, linearisation.trouble, noise, history)
     settled, last, curved, radius, since, guessed = noise.settled(linearisation), 0.0, False, np.inf, 0, False
     for sweep in each(range(max_sweeps or MAX_SWEEPS["iterated"]), "sweep"):
-        weights = noise.weights(linearisation)
-        H, residual = weights.jacobian(linearisation), weights.residual(linearisation)
-        rows, short = compress(H, residual + H @ (x - prior.x), scale)
+        here, weights, normal = linearisation, noise.weights(linearisation), noise.normal(linearisation)
+        rows, short = compress(normal.moved(x - prior.x), scale)
         updated, _ = update(prior, short, rows, np.eye(len(short)))
-        gradient = residual @ H - (x - prior.x) / scale**2
+        gradient = normal.b - (x - prior.x) / scale**2
         step = updated.P @ gradient  # updated.x - x, but without the rounding of a whole update
         valley = Valley.at(x, gradient, updated.P, _gradients(linearise, weights, prior), radius) if curved else None
         if valley is not None:
@@ -179,7 +178,7 @@ def iterated_schedule(
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
         if not settled and sigmas < _NEARLY:
-            better = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, belief))
+            better = noise.estimated(linearisation, degrees_of_freedom(linearisation, noise, belief))
             settled, noise, last = better.close_to(noise, linearisation), better, 0.0
         elif left < tolerance or np.abs(step).max() < _STANDSTILL:
             return Estimate(belief, "converged", noise, [*history, Sweep(belief.x, float(np.linalg.norm(step)), linearisation.rms)])
@@ -197,7 +196,7 @@ def iterated_schedule(
                 if settled or guessed:
                     curved, radius, last = True, 1.0, 0.0
                 else:
-                    noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, belief))
+                    noise = noise.estimated(linearisation, degrees_of_freedom(here, noise, belief))
                     since, last, guessed = sweep, 0.0, True
     return Estimate(replace(belief, x=x), "max_sweeps", noise, history)
 
@@ -234,7 +233,7 @@ def paper_schedule(
         if not linearisation.usable:
             return Estimate(belief, linearisation.trouble, noise, history)
         predicted = Belief(belief.x, belief.P + Q)
-        rows, short = compress(unit.jacobian(linearisation), unit.residual(linearisation), np.sqrt(np.diag(predicted.P)))
+        rows, short = compress(unit.normal(linearisation), np.sqrt(np.diag(predicted.P)))
         belief, _ = update(predicted, short, rows, np.eye(len(short)))
         step = float(np.linalg.norm(belief.x - predicted.x))
         if not np.isfinite(step):
@@ -246,15 +245,13 @@ def paper_schedule(
     return Estimate(belief, "max_sweeps", noise, history)
 
 
-def degrees_of_freedom(linearisation: Linearisation, H: Matrix, belief: Belief) -> Vector:
+def degrees_of_freedom(linearisation: Linearisation, noise: Noise, belief: Belief) -> Vector:
     """Numbers of each kind that do not state their noise, less the parameters that they, and not the prior, decide, (kinds,).
 
     Where none states any that is n - tr(P H'H).
     """
-    own = linearisation.unstated
-    if len(linearisation.counts) == 1 and np.array_equal(own, linearisation.measured):
-        return linearisation.counts - float(np.sum(belief.P * (H.T @ H)))
-    return linearisation.of_kinds(np.where(own, linearisation.shares - linearisation.leverages(H, belief.P), 0.0))
+    shares = linearisation.of_kinds(np.where(linearisation.unstated, linearisation.shares, 0.0))
+    return np.asarray(shares - noise.decided(linearisation, belief.P))
 
 
 def _damped(
@@ -322,7 +319,7 @@ def _cost(linearisation: Linearisation, weights: Weights, x: Vector, prior: Beli
 
 def posterior(linearisation: Linearisation, prior: Belief, noise: Noise) -> Matrix:
     """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
-    return told(prior, noise.weights(linearisation).jacobian(linearisation)).P
+    return taken_in(prior, noise.normal(linearisation)).P
 
 
 def told(prior: Belief, H: Matrix, innovation: Vector | None = None) -> Belief:
@@ -333,5 +330,10 @@ def told(prior: Belief, H: Matrix, innovation: Vector | None = None) -> Belief:
         H: Their whitened Jacobian, (m, p).
         innovation: Measured less predicted at the prior's mean, whitened, (m,); none if only the covariance is asked for.
     """
-    rows, short = compress(H, np.zeros(len(H)) if innovation is None else innovation, np.sqrt(np.diag(prior.P)))
+    return taken_in(prior, Normal.of_rows(H, np.zeros(len(H)) if innovation is None else innovation))
+
+
+def taken_in(prior: Belief, normal: Normal) -> Belief:
+    """The same after measurements of which the normal equations are known, with the innovation at the prior's mean."""
+    rows, short = compress(normal, np.sqrt(np.diag(prior.P)))
     return update(prior, short, rows, np.eye(len(rows)))[0]

@@ -113,7 +113,6 @@ def with_honest_covariance(linearise: Linearise, swept: Estimate, prior: Belief,
         return swept
     P = posterior(linearisation, prior, noise)
     if not noise.settled(linearisation):
-        H = noise.weights(linearisation).jacobian(linearisation)
-        noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, H, Belief(swept.belief.x, P)))
+        noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, noise, Belief(swept.belief.x, P)))
         P = posterior(linearisation, prior, noise)
     return replace(swept, belief=Belief(swept.belief.x, P), noise=noise)

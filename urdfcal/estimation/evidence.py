@@ -156,15 +156,11 @@ class _Sums:
 
 def _sums(linearisation: Linearisation, noise: Noise, x: Vector, mean: Vector) -> list[_Sums]:
     """One for each kind of noise, and a last one for what states its own."""
-    weights = noise.weights(linearisation)
-    J, r = weights.jacobian(linearisation), weights.residual(linearisation)
-    y, stated = r + J @ (x - mean), ~np.isnan(linearisation.stated_sigma)
+    stated, dx = ~np.isnan(linearisation.stated_sigma), x - mean
     kinds = np.where(stated, len(linearisation.counts), linearisation.kinds).ravel()
-    counts = np.bincount(kinds, np.ravel(linearisation.shares), minlength=len(linearisation.counts) + 1)
-    if len(linearisation.counts) == 1 and not stated.any():
-        return [_Sums(J.T @ J, J.T @ y, float(y @ y), float(counts[0])), _Sums(np.zeros((len(x), len(x))), np.zeros(len(x)), 0.0, 0.0)]
-    own = [kinds == kind for kind in range(len(counts))]
-    return [_Sums(J[k].T @ J[k], J[k].T @ y[k], float(y[k] @ y[k]), float(count)) for k, count in zip(own, counts, strict=True)]
+    counts = np.bincount(kinds, np.ravel(linearisation.shares), minlength=len(linearisation.counts) + 1).tolist()
+    every = [*noise.by_kind(linearisation)]
+    return [_Sums(own.A, own.b, own.c, count) for own, count in zip((each.moved(dx) for each in every), counts, strict=True)]
 
 
 def _scale(dx: Vector, decided: Matrix, start: float) -> float:

@@ -63,7 +63,7 @@ def levenberg_marquardt(
         belief = Belief(x, (P + P.T) / 2)
         if not found.success:
             return Estimate(belief, "max_sweeps", noise, history)
-        better = noise.estimated(linearisation, degrees_of_freedom(linearisation, weights.jacobian(linearisation), belief))
+        better = noise.estimated(linearisation, degrees_of_freedom(linearisation, noise, belief))
         rest = np.max(np.abs(x - last) / np.sqrt(np.diag(P))) < 1e-6
         if better.close_to(noise, linearisation) and (rest or not noise.of_joints):
             return Estimate(belief, "converged", noise, history)

@@ -9,12 +9,14 @@ residual has the variance 1 - h, h = diag(H P H') its leverage, so that the degr
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.pose_means import PoseMeans, beyond, scatter_within
 from urdfcal.estimation.residual import Linearisation
 
@@ -49,6 +51,12 @@ class Weights:
     def jacobian(self, linearisation: Linearisation) -> Matrix:
         """Jacobian of the whitened residual's prediction, (n m, p)."""
         return self._whitened(linearisation.jacobian).reshape(-1, linearisation.jacobian.shape[-1])
+
+    def normal(self, linearisation: Linearisation) -> Normal:
+        """Sums of the whitened rows."""
+        if self.factor.ndim or linearisation.known or np.isfinite(linearisation.stated_sigma).any():
+            return Normal.of_rows(self.jacobian(linearisation), self.residual(linearisation))
+        return Normal.of(linearisation.sums.plain.sum(axis=0) * self.factor**2)
 
     def _whitened(self, rows: Array3) -> Array3:
         return self._scaled(rows) if self.means is None else self.means.spread(self._scaled(self.means.gathered(rows)))
@@ -125,8 +133,41 @@ class Noise:
         if linearisation.poses is not None:
             return self._weights_of_poses(linearisation)
         if not self.of_joints:
-            return Weights(1 / self.of_numbers(linearisation))
+            return Weights(1 / (self.of_numbers(linearisation) if linearisation.stating else self.sigma[linearisation.kinds]))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(linearisation))))
+
+    def normal(self, linearisation: Linearisation) -> Normal:
+        """The whitened normal equations of one linearisation."""
+        if linearisation.poses is None and not self.of_joints:
+            return linearisation.sums.whitened(self.sigma[: len(linearisation.sums.plain)])
+        weights = self.weights(linearisation)
+        return Normal.of_rows(weights.jacobian(linearisation), weights.residual(linearisation))
+
+    def by_kind(self, linearisation: Linearisation) -> Iterator[Normal]:
+        """The same of each kind's numbers that state no noise of their own and, last, of all that do."""
+        if linearisation.poses is None and not self.of_joints:
+            sums = linearisation.sums
+            yield from (Normal.of(own / sigma**2) for own, sigma in zip(sums.plain, self.sigma.tolist(), strict=False))
+            yield Normal.of(sums.stated.sum(axis=0) + sums.known)
+            return
+        weights, unstated = self.weights(linearisation), np.isnan(linearisation.stated_sigma)
+        H, e, count = weights.jacobian(linearisation), weights.residual(linearisation), len(linearisation.counts)
+        kinds = np.where(unstated, linearisation.kinds, count).ravel()
+        yield from (Normal.of_rows(H[kinds == kind], e[kinds == kind]) for kind in range(count + 1))
+
+    def decided(self, linearisation: Linearisation, P: Matrix, stating: Any = False) -> Vector:
+        """How many parameters of covariance P the numbers of each kind decide that do not state their noise, or that do, (kinds,).
+
+        That is the sum of their leverages.
+        """
+        stating = np.broadcast_to(stating, linearisation.counts.shape)
+        if linearisation.poses is None and not self.of_joints:
+            sums = linearisation.sums
+            A = np.where(stating[:, None, None], sums.stated, sums.plain / self.sigma[: len(sums.plain), None, None] ** 2)
+            return np.asarray(np.tensordot(A[:, :-1, :-1], P, 2))
+        leverages = linearisation.leverages(self.weights(linearisation).jacobian(linearisation), P)
+        own = linearisation.read & (np.isnan(linearisation.stated_sigma) != stating[linearisation.kinds])
+        return linearisation.of_kinds(np.where(own, leverages, 0.0))
 
     def _weights_of_poses(self, linearisation: Linearisation) -> Weights:
         """The same where some rows are readings of one pose; they share the readings of the joints."""
@@ -237,9 +278,13 @@ class Noise:
 
     def close_to(self, other: Noise, linearisation: Linearisation) -> bool:
         """Whether another estimate of the noise is the same for all purposes: joint readings may hide a sensor's own noise."""
+        if np.max(np.abs(self.common - other.common)) >= _CLOSE:
+            return False
+        if not (self.of_joints or other.of_joints):
+            unstated = linearisation.of_kinds(linearisation.unstated) > 0
+            return bool(np.max(np.abs(self.sigma / other.sigma - 1)[: len(unstated)][unstated], initial=0.0) < _CLOSE)
         own, old = (np.diagonal(each.pose_covariance(linearisation), axis1=1, axis2=2)[linearisation.measured] for each in (self, other))
-        same = np.max(np.abs(self.common - other.common)) < _CLOSE
-        return bool(same and np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)
+        return bool(np.max(np.abs(np.sqrt(own / old) - 1), initial=0.0) < _CLOSE)
 
 
 def _diagonal(rows: Matrix) -> Array3:
@@ -281,12 +326,13 @@ def misfits(linearisation: Linearisation, noise: Noise, P: Matrix) -> tuple[Misf
     Returns:
         Of a kind of which any state their own noise, that of those alone.
     """
-    weights, read = noise.weights(linearisation), linearisation.read
+    read = linearisation.read
     stating = read & ~linearisation.unstated
-    own = np.where((linearisation.of_kinds(stating) > 0)[linearisation.kinds], stating, read)
-    squares = np.where(own, (weights.residual(linearisation) ** 2).reshape(own.shape), 0.0)
-    free = np.where(own, linearisation.shares - linearisation.leverages(weights.jacobian(linearisation), P), 0.0)
+    states = linearisation.of_kinds(stating) > 0
+    own = np.where(states[linearisation.kinds], stating, read)
+    squares = np.where(own, (noise.weights(linearisation).residual(linearisation) ** 2).reshape(own.shape), 0.0)
+    free = linearisation.of_kinds(np.where(own, linearisation.shares, 0.0)) - noise.decided(linearisation, P, states)
     return tuple(
         Misfit(float(chi_squared / max(freedom, 1.0)), float(freedom))
-        for chi_squared, freedom in zip(linearisation.of_kinds(squares), linearisation.of_kinds(free), strict=True)
+        for chi_squared, freedom in zip(linearisation.of_kinds(squares), free, strict=True)
     )

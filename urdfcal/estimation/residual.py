@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.estimation.normal import Numbers, Summing, Sums
 
 Kinds = npt.NDArray[np.intp]
 Linearise = Callable[[Vector], "Linearisation"]
@@ -39,7 +40,7 @@ class Linearisation:
 
     Attributes:
         residual: m - h(x), (n, m), 0 where nothing was measured.
-        jacobian: (n, m, p), 0 where nothing was measured.
+        jacobian: (n, m, p), 0 where nothing was measured; where a function was given in its place, worked out when it is first wanted.
         joint_jacobian: Derivative by the measured joints, (n, m, inputs).
         measured: Which of the m numbers of each pose were measured, (n, m).
         stated_sigma: Standard deviation stated with each number, (n, m), nan for none.
@@ -51,7 +52,7 @@ class Linearisation:
     """
 
     residual: Matrix
-    jacobian: Array3
+    jacobian: Any
     joint_jacobian: Array3
     measured: Any
     stated_sigma: Matrix
@@ -76,7 +77,7 @@ class Linearisation:
         return replace(
             self,
             residual=np.where(numbers, self.residual, 0.0),
-            jacobian=np.where(numbers[..., None], self.jacobian, 0.0),
+            jacobian=lambda: np.where(numbers[..., None], self.jacobian, 0.0),
             joint_jacobian=np.where(numbers[..., None], self.joint_jacobian, 0.0),
             measured=self.measured & numbers,
             lost=None if self.lost is None else self.lost & ~out,
@@ -87,7 +88,7 @@ class Linearisation:
         return replace(
             self,
             residual=self.residual[:count],
-            jacobian=self.jacobian[:count],
+            jacobian=lambda: self.jacobian[:count],
             joint_jacobian=self.joint_jacobian[:count],
             measured=self.measured[:count],
             stated_sigma=self.stated_sigma[:count],
@@ -153,6 +154,11 @@ class Linearisation:
         """Which numbers were measured and do not state their noise, (n, m)."""
         return self.measured & np.isnan(self.stated_sigma)
 
+    @cached_property
+    def stating(self) -> bool:
+        """Whether any number states its noise."""
+        return bool(np.isfinite(self.stated_sigma).any())
+
     @property
     def usable(self) -> bool:
         """Whether the model produces everything that was measured."""
@@ -163,11 +169,45 @@ class Linearisation:
         """How many numbers were measured; several readings of one pose are one."""
         return round(float(np.sum(self.shares)))
 
+    @cached_property
+    def sums(self) -> Sums:
+        """Its normal equations by kind of noise; every number for itself, also where poses were read several times."""
+        n, jacobian = len(self.residual) - self.known, self.jacobian
+        summing = Summing(jacobian.shape[2], Numbers(self.kinds, self.stated_sigma[:n]))
+        columns = np.concatenate([jacobian, self.residual[..., None]], axis=2)
+        summing.add(np.ascontiguousarray(columns[:n].transpose(2, 1, 0)), slice(n))
+        known = (columns[n:] / np.where(self.measured[n:], self.stated_sigma[n:], np.inf)[..., None]).reshape(-1, columns.shape[2])
+        return summing.sums.plus(known.T @ known)
+
+    def with_sums(self, sums: Sums) -> Linearisation:
+        """The same, whose sums are known."""
+        self.__dict__["sums"] = sums
+        return self
+
     @property
     def rms(self) -> float:
         """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
         first = self.kinds == 0
         return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))
+
+
+class _WhenAsked:
+    """A field that may be given as a function, which is asked for it once, when somebody wants it."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: object, owner: type) -> Any:
+        known = instance.__dict__
+        if callable(known[self.name]):
+            known[self.name] = known[self.name]()
+        return known[self.name]
+
+    def __set__(self, instance: object, value: Any) -> None:
+        instance.__dict__[self.name] = value
+
+
+setattr(Linearisation, "jacobian", _WhenAsked("jacobian"))  # noqa: B010  # behind the dataclass, which would take it for a default
 
 
 def remembering(linearise: Linearise) -> Linearise:

@@ -22,7 +22,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.estimation.chi_squared import MEDIANS, medians
-from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule, told
+from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule, taken_in
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
 from urdfcal.estimation.pose_means import scatter_within
 from urdfcal.estimation.residual import Linearisation, Linearise
@@ -230,8 +230,8 @@ def _covariance(linearisation: Linearisation, noise: Noise, belief: Belief, prio
     squared = np.sum(weights**2 * d2) / max(int(m.sum()), 1) * _room(linearisation, belief, prior) ** 2
     of_bulk = (np.sum(m * weights - 2 * slope) / max(int(m.sum()), 1)) ** 2
     kappa = min(of_bulk / max(squared, np.finfo(float).tiny), 1.0)  # where a fit runs through its data, residuals say nothing
-    H = noise.weights(linearisation).jacobian(linearisation)
-    return told(prior, np.sqrt(kappa) * H).P
+    normal = noise.normal(linearisation)
+    return taken_in(prior, replace(normal, A=kappa * normal.A)).P
 
 
 def _weights(d2: Matrix, freedom: Matrix, loss: Loss) -> Matrix:
@@ -249,7 +249,7 @@ def _weighted(linearisation: Linearisation, weights: Matrix) -> Linearisation:
     return replace(
         linearisation,
         residual=linearisation.residual * root,
-        jacobian=linearisation.jacobian * root[..., None],
+        jacobian=lambda: linearisation.jacobian * root[..., None],
         root=root,
         joint_jacobian=linearisation.joint_jacobian * root[..., None],
     )

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.estimation.ekf import Belief
 from urdfcal.estimation.noise import Noise
+from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation
 
 SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisance may have
@@ -73,6 +74,18 @@ class Fitted:
         """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
         return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)
 
+    def weighed(self, weights: Vector) -> tuple[float, float]:
+        """Log evidence, and what there is to explain, of the same fit where every number is so many times as precise, (N,)."""
+        rows = self._side_by_side * weights[:, None]
+        normal = Normal.of(rows.T @ rows)
+        information = normal.A + np.eye(len(normal.b))
+        total = normal.c - float(normal.b @ np.linalg.solve(information, normal.b))
+        return -0.5 * (self.numbers * float(np.log(total)) + float(np.linalg.slogdet(information)[1])), total
+
+    @cached_property
+    def _side_by_side(self) -> Matrix:
+        return np.column_stack([self.H, self.y])
+
     def _spread(self, columns: Matrix) -> Matrix:
         return columns if self.roots is None else rows_times(self.roots, columns)
 
@@ -84,7 +97,7 @@ class Fitted:
     @cached_property
     def log_evidence(self) -> float:
         """Of the data, less what their whitening adds and a constant."""
-        volume = float(np.linalg.slogdet(self.H.T @ self.H + np.eye(self.H.shape[1]))[1])
+        volume = float(np.linalg.slogdet(self._information)[1])
         return -0.5 * (self.numbers * float(np.log(self.total)) + volume)
 
     def predicted(self, folds: Sequence[Rows], rows: int) -> float:
@@ -120,7 +133,11 @@ class Fitted:
     @cached_property
     def P(self) -> Matrix:
         """Covariance of the parameters, in units of their prior sigmas, (p, p)."""
-        return np.asarray(np.linalg.inv(self.H.T @ self.H + np.eye(self.H.shape[1])))
+        return np.asarray(np.linalg.inv(self._information))
+
+    @cached_property
+    def _information(self) -> Matrix:
+        return np.asarray(self.H.T @ self.H + np.eye(self.H.shape[1]))
 
     @cached_property
     def x(self) -> Vector:
@@ -153,7 +170,8 @@ class Fitted:
         s = np.stack([left @ one, left @ other], axis=1)
         ways = np.stack([through.T @ one, through.T @ other])
         beside = np.stack([self.P @ way for way in ways])
-        F = np.array([[share @ (a * b) for b in (one, other)] for a in (one, other)]) - np.einsum("apk,bpk->abk", ways, beside)
+        across = share @ (one * other)
+        F = np.array([[share @ one**2, across], [across, share @ other**2]]) - np.einsum("apk,bpk->abk", ways, beside)
         return Pairs(s, F.transpose(2, 0, 1), self.total, self.numbers)
 
 
@@ -176,6 +194,16 @@ class Score:
     def part(self, columns: Rows) -> Score:
         """Of some of the columns."""
         return replace(self, s=self.s[columns], F=self.F[np.ix_(columns, columns)])
+
+    def gains_of_parts(self, parts: Sequence[Rows]) -> list[float]:
+        """Log evidence of each of some parts by itself, [nats]: those of one size at once."""
+        gains, sizes = np.empty(len(parts)), np.array([len(columns) for columns in parts])
+        for size in np.unique(sizes):
+            own = np.flatnonzero(sizes == size)
+            columns = np.array([parts[number] for number in own.tolist()])
+            found = gains_of(self.s[columns], self.F[columns[:, :, None], columns[:, None]], self.total, self.numbers)
+            gains[own] = found.max(axis=1) - np.log(len(SIZES))
+        return gains.tolist()
 
     @cached_property
     def gains(self) -> Vector:

@@ -7,7 +7,7 @@ origin (or, where the URDF has no joint of its own for it, right before one). Th
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,36 +15,17 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.errors import ShapeMismatch
-from urdfcal.base.geometry import SE3, Matrix, Vector, exponentials, product
+from urdfcal.base.geometry import SE3, Mask, Matrix, Vector, exponentials, product
 from urdfcal.estimation.prior import Prior
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.gravity import WeighedRobot
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import SESSION_KINDS, Kind, Parameter, PriorScale
 from urdfcal.model.rig_terms import Course, Rig, RigTerm
 from urdfcal.model.slots import Slot
 from urdfcal.model.softness import Softness, Term, Yielding
+from urdfcal.model.walk import Placements, Stretch, Walk
 from urdfcal.robot.chain import Chain, Step
-
-
-@dataclass(frozen=True)
-class Placements:
-    """The chain's constants at one value of the parameters, and how they move with it.
-
-    Attributes:
-        joints: Placement of each moving joint behind the one before it.
-        frames: Each of the chain's frames behind the moving joint that carries it.
-        moves: Which parameters move each of those frames against the screen, (frames, p): of those on its way all.
-        anchors: (p,) index of the moving joint (0: the screen) in whose frame each parameter's screw is constant.
-        screws: (6, p) those screws, signed for the motion of what lies behind them against the screen.
-
-    Of still placements p is 0.
-    """
-
-    joints: list[SE3]
-    frames: list[SE3]
-    moves: Any
-    anchors: Any
-    screws: Matrix
 
 
 @dataclass(frozen=True)
@@ -79,6 +60,10 @@ class ErrorModel:
     earlier: EarlierJoints | None = None
     known: frozenset[str] = frozenset()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and files: without what is worked out when it is asked for."""
+        return {own.name: self.__dict__[own.name] for own in fields(self)}
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, in the order of x."""
@@ -108,7 +93,9 @@ class ErrorModel:
     def with_prior(self, prior: Prior) -> ErrorModel:
         """The same with other standard deviations."""
         named = zip(self.parameters, prior.sigma.tolist(), strict=True)
-        return replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
+        other = replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
+        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns", "arm") if name in self.__dict__})
+        return other
 
     def check(self, x: Vector) -> Vector:
         """X as an array of floats, if it fits.
@@ -132,26 +119,62 @@ class ErrorModel:
         return values
 
     def placements(self, x: Vector, session: str = "") -> Placements:
-        """Walk the way from screen to lasers with every slot at x."""
-        walk = _Walk(len(self.parameters), self.slots, self.slot_values(x, session), self._columns[session], session)
-        walk.along(self._way)
-        for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
-            walk.anchors[column], walk.passed[column] = joint, True
-        on_way = walk.passed.copy()
-        frames, moves = [], np.zeros((len(self._frame_ways), len(self.parameters)), dtype=bool)
-        for row, (frame, way) in enumerate(zip(self.chain.frames, self._frame_ways, strict=True)):
-            walk.passed[:] = False
-            frames.append(walk.along(way, depth=frame.depth))
-            moves[row] = walk.passed | (on_way & (walk.anchors < frame.depth))
-        return Placements(walk.edges, frames, moves, walk.anchors, walk.screws.T)
+        """The constants of the way from screen to lasers with every slot at x."""
+        return self._walks[session].at(self.check(x))
 
-    def still_placements(self, x: Vector, session: str = "") -> Placements:
-        """The same constants without the screws, for predictions that need no derivative."""
-        held = [(np.full_like(columns, -1), value) for columns, value in self._columns[session]]
-        walk = _Walk(0, self.slots, self.slot_values(x, session), held, session)
-        walk.along(self._way)
-        frames = [walk.along(way, depth=frame.depth) for frame, way in zip(self.chain.frames, self._frame_ways, strict=True)]
-        return Placements(walk.edges, frames, np.zeros((len(frames), 0), dtype=bool), walk.anchors, walk.screws.T)
+    @cached_property
+    def arm(self) -> ArmKinematics:
+        """Kinematics of the chain, with the bends of joints that give way."""
+        return ArmKinematics(self.chain, self.soft.bends if self.soft is not None else ())
+
+    def moves(self, session: str = "") -> Mask:
+        """Which parameters move each of the chain's frames against the screen in one session, (frames, p): of those on its way all."""
+        return self._walks[session].moves
+
+    @cached_property
+    def _walks(self) -> Mapping[str, Walk]:
+        return {session: self._walk(session) for session in self.sessions}
+
+    def _walk(self, session: str) -> Walk:
+        """What the ways to the last motion, and on to each frame, are in one session."""
+        moving, frames = [Stretch(0)], [Stretch(frame.depth) for frame in self.chain.frames]
+        for station in self._way:
+            if station.moves:
+                moving.append(Stretch(len(moving)))
+            else:
+                self._pass(station, moving[-1], session)
+        for stretch, way in zip(frames, self._frame_ways, strict=True):
+            for station in way:
+                self._pass(station, stretch, session)
+        stretches = [*moving[:-1], *frames]
+        anchors, moves = np.zeros(len(self.parameters), dtype=np.intp), np.zeros((len(frames), len(self.parameters)), dtype=bool)
+        for stretch in stretches:
+            anchors[stretch.columns] = stretch.anchor
+        on_way = [column for stretch in moving[:-1] for column in stretch.columns]
+        for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
+            anchors[column] = joint
+            on_way.append(column)
+        for row, (frame, stretch) in enumerate(zip(self.chain.frames, frames, strict=True)):
+            moves[row, on_way] = anchors[on_way] < frame.depth
+            moves[row, stretch.columns] = True
+        return Walk(stretches, len(moving) - 1, anchors, moves)
+
+    def _pass(self, station: _Station, stretch: Stretch, session: str) -> None:
+        """Lengthen a stretch by what is passed."""
+        if station.constant is not None:
+            stretch.pass_constant(station.constant)
+            return
+        slot, (columns, held) = self.slots[station.slot], self._columns[session][station.slot]
+        if session in slot.found:
+            stretch.pass_constant(slot.found[session])  # a frame that was found is never walked backward
+        own = [*zip(slot.motions, columns.tolist(), held.tolist(), strict=True)]
+        if station.inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
+            own = [(-screw, column, value) for screw, column, value in reversed(own)]
+        for screw, column, value in own:
+            if column >= 0:
+                stretch.pass_factor(screw, column)
+            elif value:
+                stretch.pass_constant(pin.exp6(screw * value))
 
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
@@ -178,18 +201,22 @@ class ErrorModel:
         """How the joints give way at x, for the basis of every soft term at some poses (n, terms); None if nothing does."""
         if self.soft is None:
             return None
-        column = {name: index for index, name in enumerate(self.names)}
-        bends = self.soft.bend_of
-        free = [number for number, term in enumerate(self.soft.terms) if term.name in column]
-        held = [number for number, term in enumerate(self.soft.terms) if term.name not in column and self.held.get(term.name)]
-        order, terms = [*free, *held], self.soft.terms
-        values = [x[column[terms[number].name]] for number in free] + [self.held[terms[number].name] for number in held]
-        return Yielding(
-            columns=np.array([column[terms[number].name] for number in free], dtype=int),
-            joints=tuple(terms[number].joint for number in order),
-            bends=tuple(bends[number] for number in order),
-            basis=basis[:, order],
-            x=np.array(values),
+        order, still = self._soft_order
+        return replace(still, basis=basis[:, order], x=np.append(x[still.columns], still.x))
+
+    @cached_property
+    def _soft_order(self) -> tuple[list[int], Yielding]:
+        """Numbers of the soft terms that are estimated, and of those that are held at something; how they yield at no pose."""
+        assert self.soft is not None
+        terms, bends, column = self.soft.terms, self.soft.bend_of, {name: index for index, name in enumerate(self.names)}
+        free = [number for number, term in enumerate(terms) if term.name in column]
+        held = [number for number, term in enumerate(terms) if term.name not in column and self.held.get(term.name)]
+        return [*free, *held], Yielding(
+            columns=np.array([column[terms[number].name] for number in free], dtype=np.intp),
+            joints=tuple(terms[number].joint for number in [*free, *held]),
+            bends=tuple(bends[number] for number in [*free, *held]),
+            basis=np.empty((0, len(free) + len(held))),
+            x=np.array([self.held[terms[number].name] for number in held]),
         )
 
     def yielding_at(self, x: Vector, q: Matrix) -> Yielding | None:
@@ -289,51 +316,6 @@ class _Station:
 
 def _inverse(stations: list[_Station]) -> list[_Station]:
     return [replace(station, inverted=True) for station in stations]
-
-
-class _Walk:
-    """Collects the placements between motions, and the screw of every parameter in the frame behind the last motion."""
-
-    def __init__(
-        self, parameters: int, slots: Sequence[Slot], values: Sequence[Vector], columns: Sequence[tuple[Any, Vector]], session: str
-    ) -> None:
-        self.slots, self.values, self.columns, self.session = slots, values, columns, session
-        self.edges: list[SE3] = []
-        self.anchors = np.zeros(parameters, dtype=int)
-        self.screws = np.zeros((parameters, 6))
-        self.passed = np.zeros(parameters, dtype=bool)
-
-    def along(self, way: Iterable[_Station], depth: int | None = None) -> SE3:
-        """Walk from where the way begins, or from behind the motion at some depth; gives back the placement reached since the last one."""
-        edge = pin.SE3.Identity()
-        for station in way:
-            if station.constant is not None:
-                edge = edge * station.constant
-            elif station.slot >= 0:
-                edge = self.pass_slot(edge, station.slot, station.inverted, len(self.edges) if depth is None else depth)
-            else:
-                self.edges.append(edge)
-                edge = pin.SE3.Identity()
-        return edge
-
-    def pass_slot(self, edge: SE3, number: int, inverted: bool, depth: int) -> SE3:
-        """Move along each screw in turn; its twist, seen from the last motion, is Ad(edge) screw, and minus that for an inverse."""
-        slot, value, columns = self.slots[number], self.values[number], self.columns[number][0]
-        screws, sign = slot.motions, 1.0
-        if self.session in slot.found:
-            edge = edge * slot.found[self.session]  # a frame that was found is never walked backward
-        if inverted:  # (E_1 ... E_k)^-1 = E_k^-1 ... E_1^-1
-            screws, value, columns, sign = screws[::-1], value[::-1], columns[::-1], -1.0
-        for screw, coordinate, column in zip(screws, (sign * value).tolist(), columns.tolist(), strict=True):
-            if column >= 0:
-                self.anchors[column] = depth
-                self.screws[column] = edge.act(screw).vector
-                self.passed[column] = True
-            if coordinate:
-                edge = edge * pin.exp6(screw * coordinate)
-        if inverted:
-            self.screws[columns[columns >= 0]] *= sign
-        return edge
 
 
 def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> list[Parameter]:

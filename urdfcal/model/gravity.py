@@ -90,10 +90,18 @@ class WeighedRobot:
 
     def _moments(self, model: Any, data: Any, q: Matrix) -> Array3:
         rest, moments = np.zeros(model.nv), np.empty((len(q), len(self.joints), 3))
+        pin.rnea(model, data, pin.neutral(model), rest, rest)
+        forces = _forces_in(data)
         for pose, configuration in enumerate(self.whole.configurations(q)):
             pin.rnea(model, data, configuration, rest, rest)
-            moments[pose] = [data.f[joint].angular for joint in self.joints]
+            moments[pose] = forces[self.joints, 3:] if forces is not None else [data.f[joint].angular for joint in self.joints]
         return -moments
+
+
+def _forces_in(data: Any) -> Matrix | None:
+    """All of `data.f` without a copy, (joints, 6); None where this build of Pinocchio keeps them in another layout than one by one."""
+    view = np.lib.stride_tricks.as_strided(data.f[0].linear, (len(data.f), 6), (48, 8), writeable=False)
+    return view if np.array_equal(view, [force.vector for force in data.f]) else None
 
 
 def parse_gravity(text: str) -> tuple[float, float, float]:

@@ -1,13 +1,14 @@
 """Jac1: how the frames of a chain move against the screen with every error parameter, equations (5) and (6).
 
-Forward kinematics is Pinocchio's, one call a pose; what follows is algebra over all poses at once. A parameter moves the arm along
-a screw that is constant in the frame of the joint before it, so its twist in screen axes, taken at the screen's origin, is
+A parameter moves the arm along a screw that is constant in the frame of the joint before it, so its twist in screen axes, taken at the
+screen's origin, is Ad(T_j) (v_k, w_k) with T_j the placement of that joint: the same columns that Pinocchio's frame kinematic regressor
+has, times the basis of the error model (the tests compare the two). At the screen's origin the twist is the same for everything that a
+parameter moves.
 
-    w = R_j w_k,    v = R_j v_k + p_j x w
+Few numbers are read of many columns. So it is not the columns that are brought to what is read, but the derivative g of what is read by
+a twist is brought from joint to joint on its way out, as a wrench would be, and meets each screw in the frame where that is constant:
 
-with (R_j, p_j) the placement of that joint and (v_k, w_k) the constant screw: the same columns that Pinocchio's frame kinematic
-regressor has, times the basis of the error model (the tests compare the two). At the screen's origin the twist is the same for
-everything that a parameter moves.
+    g_0 = g,    g_j = Ad(T_j-1,j)' g_j-1,    dh / dx_k = g_j . (v_k, w_k)
 """
 
 from __future__ import annotations
@@ -17,111 +18,169 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
+import numpy.typing as npt
 
-from urdfcal.base.errors import ShapeMismatch
-from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector
-from urdfcal.model.error_model import ErrorModel, Placements
+from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture, inverse_actions, turn
 from urdfcal.model.softness import Yielding
-from urdfcal.robot.chain import Bend, Chain
+from urdfcal.model.walk import Placements
 
-CHUNK = 1024  # poses worked on at once, so that the temporaries stay in the processor's cache
+CHUNK = 2048  # poses worked on at once, so that the temporaries stay in the processor's cache
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ArmMotion:
     """Where the frames of a chain are at each pose, and how they move; all in the axes of its base (the screen), at its origin.
 
     Attributes:
-        frames: The chain's frames, [R | p], (frames, n, 3, 4).
-        jac1: Twist [v, w] of what lies behind each parameter, per unit of it, (n, 6, p).
-        axis_twists: The same of each moving joint, (n, 6, moving); no columns where they were not asked for.
+        placed: The arm with its constants.
+        posture: Where its elements are.
+        yielding: How joints give way; None if they do not.
     """
 
-    frames: Array4
-    jac1: Array3
-    axis_twists: Array3
-
-
-class ArmKinematics:
-    """Pinocchio's forward kinematics of a chain for many poses; holds a model of its own and never the caller's."""
-
-    def __init__(self, chain: Chain, bends: Sequence[Bend] = ()) -> None:
-        self.chain, self.bends = chain, tuple(bends)
-        self.model, self.layout = chain.new_model(self.bends)
-        self.data = self.model.createData()
-        self.joints = self.model.njoints
-        self.place([pin.SE3.Identity()] * len(self.layout.first))
-        self._last: tuple[Matrix, Matrix, Array3] | None = None  # placements, positions, frames
+    placed: PlacedArm
+    posture: Posture
+    yielding: Yielding | None = None
 
     @cached_property
-    def axis_screws(self) -> Matrix:
-        """Each moving joint's own motion as a screw in its own frame, (6, moving)."""
-        columns = np.zeros((6, len(self.chain.moving)))
-        for column, step in enumerate(self.chain.moving):
-            columns[0 if step.joint.prismatic else 3 :, column][:3] = step.joint.axis
-        return columns
-
-    def chain_positions(self, q: Matrix) -> Matrix:
-        """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
-
-        Raises:
-            ShapeMismatch: q has not one column a measured joint.
-        """
-        q = np.asarray(q, dtype=float)
-        if q.ndim != 2 or q.shape[1] != len(self.chain.inputs):
-            raise ShapeMismatch(f"expected joint positions of shape (poses, {len(self.chain.inputs)}), found {q.shape}")
-        return q @ self.chain.coupling + self.chain.offset
-
-    def place(self, placements: list[SE3]) -> None:
-        """Put the moving joints where the error model has them."""
-        self.placements = np.array([placement.homogeneous for placement in placements])
-        for joint, placement in zip(self.layout.first, placements, strict=True):
-            self.model.jointPlacements[joint] = placement
-
-    def bodies(self, frames: Array3) -> Array3:
-        """Of the frames of all joints, those that the bodies of the way follow: the screen's, and the last of each moving joint."""
-        if not self.bends:
-            return frames
-        n = frames.shape[1]
-        return np.ascontiguousarray(frames.reshape(3, n, -1, 4)[:, :, [0, *self.layout.last]]).reshape(3, n, -1)
-
-    def frames(self, positions: Matrix) -> Array3:
-        """Frames of all joints on the screen, (3, n, 4 joints): columns x, y, z, p of the screen, then of each joint.
-
-        What was asked last is known: where the joints are taken for right, sweep after sweep asks the same.
-        """
-        last = self._last
-        if last is None or not np.array_equal(last[0], self.placements) or not np.array_equal(last[1], positions):
-            self._last = last = self.placements, positions.copy(), self._frames(positions)
-        return last[2]
-
-    def _frames(self, positions: Matrix) -> Array3:
-        columns = np.empty((len(positions), self.joints, 4, 3))
-        view, model, data = self._data_view, self.model, self.data
-        for pose, q in zip(columns, positions, strict=True):
-            pin.forwardKinematics(model, data, q)
-            pose[:] = view
-        return np.ascontiguousarray(columns.transpose(3, 0, 1, 2)).reshape(3, len(positions), 4 * self.joints)
+    def _bodies(self) -> Array4:
+        return self.posture.frames(self.placed)
 
     @cached_property
-    def _data_view(self) -> Array3:
-        """The placements in `data.oMi` without a copy, (joints, 4, 3).
+    def frames(self) -> Array4:
+        """The chain's frames, [R | p], (frames, n, 3, 4)."""
+        arm, bodies = self.placed.arm, self._bodies
+        n = bodies.shape[-1]
+        frames = np.empty((len(arm.chain.frames), n, 3, 4))
+        for own, frame, local in zip(frames, arm.chain.frames, self.placed.locals, strict=True):
+            own[:] = local[:3] if frame.depth == 0 else _from(bodies[arm.last[frame.depth] + 1], local)
+        return frames
 
-        Each lies in memory as a column-major 3 x 4 matrix behind the one before it; checked against Pinocchio's own accessors.
+    def points(self, depth: int, local: Vector) -> Matrix:
+        """Where a point (3,) of the frame behind a moving joint is, (n, 3), [m]; of the screen at depth 0."""
+        arm, n = self.placed.arm, self.posture.q.shape[1]
+        column = np.append(arm.turned[depth] @ local, 1.0)
+        return np.asarray((column @ self._bodies[arm.last[depth] + 1].reshape(4, 3 * n)).reshape(3, n).T)
+
+    def seen(self, target: int, frame: int | None) -> tuple[Matrix, Array3]:
+        """Origin (n, 3) and axes (n, 3, 3) of one of the chain's frames, in another one or in the chain's base."""
+        p, R = self.frames[target][:, :, 3], self.frames[target][:, :, :3]
+        if frame is None:
+            return p, R
+        if (stands := self.placed.standing(frame)) is not None:
+            back, origin, _ = stands
+            return (p - origin) @ back.T, back @ R
+        there = self.frames[frame]
+        back = there[:, :, :3].transpose(0, 2, 1)
+        return (back @ (p - there[:, :, 3])[..., None])[..., 0], back @ R
+
+    def from_base(self, jac2: Array3, frame: int | None) -> Array3:
+        """Derivatives (n, m, 6) by twists in one of the chain's frames as those by twists in the base: times Ad(T^-1)."""
+        if frame is None:
+            return jac2
+        if (stands := self.placed.standing(frame)) is not None:
+            return np.asarray((jac2.reshape(-1, 6) @ stands[2]).reshape(jac2.shape))
+        return np.asarray(jac2 @ inverse_actions(self.frames[frame]))
+
+    def derivatives(self, g: Array3, axes: bool = True, more: int = 0) -> tuple[Array3, Array3]:
+        """Derivatives by what lies behind each parameter (p + more, m, n), and behind each moving joint (moving, m, n), of numbers.
+
+        Args:
+            g: Derivatives of the numbers by a twist [v, w] in the base, (n, m, 6).
+            axes: Whether those by the joints are wanted, too; else there are none of them.
+            more: How many rows of zeros to leave behind those of the parameters.
         """
-        pin.forwardKinematics(self.model, self.data, np.linspace(0.1, 0.9, self.model.nq))
-        self.data.oMi[0] = pin.SE3.Identity()
-        start = self.data.oMi[0].rotation
-        view = np.lib.stride_tricks.as_strided(start, (self.joints, 4, 3), (96, 24, 8), writeable=False)
-        expected = [np.vstack([frame.rotation.T, frame.translation]) for frame in self.data.oMi]
-        if not np.array_equal(view, expected):
-            raise RuntimeError("this build of Pinocchio keeps data.oMi in another layout; please report it with the output of `pip list`")
-        return view
+        arm, posture, walk = self.placed.arm, self.posture, self.placed.placed.walk
+        n, m, _ = g.shape
+        by_parameter, by_element = np.zeros((len(walk.anchors) + more, m, n)), np.empty((len(arm.elements), m, n))
+        here = np.ascontiguousarray(g.transpose(2, 1, 0)).reshape(6, m * n)
+        self._meet(by_parameter, here, 0)
+        for number, (element, action) in enumerate(zip(arm.elements, self.placed.actions, strict=True)):
+            here = action @ here
+            halves = here.reshape(2, 3, m, n)
+            if element.slides:
+                slide = posture.q[number]
+                halves[1, 0] += slide * halves[0, 1]
+                halves[1, 1] -= slide * halves[0, 0]
+            else:
+                turn(halves.transpose(1, 0, 2, 3)[:2], posture.c[number], posture.s[number, :, :, None])
+            if axes or self.yielding is not None:
+                by_element[number] = halves[0 if element.slides else 1, 2]
+            if arm.last[element.joint + 1] == number:
+                self._meet(by_parameter, here, element.joint + 1)
+        if self.yielding is not None:
+            self._yield(by_parameter, by_element, self.yielding)
+        return by_parameter, by_element[arm.own] if axes else by_element[:0]
+
+    def _meet(self, by_parameter: Array3, here: Matrix, anchor: int) -> None:
+        """The parameters whose screws are constant in the frame that was reached."""
+        columns = self.placed.placed.walk.anchored[anchor]
+        if isinstance(columns, slice):
+            own = by_parameter[columns]
+            np.matmul(self.placed.screws[:, columns].T, here, out=own.reshape(len(own), here.shape[1]))
+        elif len(columns):
+            by_parameter[columns] = (self.placed.screws[:, columns].T @ here).reshape(len(columns), *by_parameter.shape[1:])
+
+    def _yield(self, by_parameter: Array3, by_element: Array3, yielding: Yielding) -> None:
+        """What joints yield by, per unit of its parameters; terms that are held come behind those that are estimated."""
+        arm = self.placed.arm
+        for column, joint, bend, basis in zip(yielding.columns, yielding.joints, yielding.bends, yielding.basis.T, strict=False):
+            by_parameter[column] = by_element[arm.element_of(joint, bend)] * (arm.signs[joint] * basis)
+
+    def axis_derivatives(self, g: Array3, target: int, frame: int) -> Array3:
+        """Derivatives by every measured joint, (n, m, inputs), of numbers that one of the chain's frames has in another; g as above."""
+        chain, by_axis = self.placed.arm.chain, self.derivatives(g)[1]
+        between, number = [chain.frames[index].depth for index in (frame, target)], np.arange(len(by_axis))[:, None, None]
+        return self.by_inputs(by_axis * ((number < between[1]).astype(float) - (number < between[0])))
+
+    def by_inputs(self, by_axis: Array3) -> Array3:
+        """Derivatives by every measured joint, (n, m, inputs), from those by the moving joints, (moving, m, n)."""
+        coupling = self.placed.arm.chain.coupling
+        return np.tensordot(coupling, by_axis, 1).transpose(2, 1, 0)
+
+    @cached_property
+    def _of_twists(self) -> tuple[Array3, Array3]:
+        return self.derivatives(np.broadcast_to(np.eye(6), (self.posture.q.shape[1], 6, 6)))
+
+    @property
+    def jac1(self) -> Array3:
+        """Twist [v, w] of what lies behind each parameter, per unit of it, (n, 6, p)."""
+        return self._of_twists[0].transpose(2, 1, 0)
+
+    @property
+    def axis_twists(self) -> Array3:
+        """The same of each moving joint, (n, 6, moving)."""
+        return self._of_twists[1].transpose(2, 1, 0)
 
 
-def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "", joints: bool = False) -> ArmMotion:
-    """Differentiate the poses of the chain's frames with respect to the error parameters (Jac1, equation 6).
+@dataclass(frozen=True)
+class Shares:
+    """How what moves parts of an arm moves numbers: a factor for each, mostly 1.
+
+    Attributes:
+        rows: Of what is not 1 for all numbers.
+        factors: Of these, (k, m, 1).
+    """
+
+    rows: npt.NDArray[np.intp]
+    factors: Array3
+
+    @staticmethod
+    def of(columns: Sequence[Vector]) -> Shares:
+        """Those of each number, (m,) times (k,)."""
+        shares = np.array(columns).T
+        rows = np.flatnonzero((shares != 1.0).any(axis=1)) if shares.size else np.empty(0, dtype=np.intp)
+        return Shares(rows, shares[rows, :, None] if shares.size else np.empty((0, 0, 1)))
+
+    def apply(self, derivatives: Array3) -> None:
+        """Multiply derivatives (k, m, n)."""
+        if len(self.rows):
+            derivatives[self.rows] *= self.factors
+
+
+def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> ArmMotion:
+    """Where the chain's frames are, and how they move with the error parameters (Jac1, equation 6).
 
     Args:
         arm: Kinematics of the chain that the error model lies over.
@@ -129,96 +188,26 @@ def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, ses
         q: Measured joint positions, (n, inputs), [rad] or [m].
         x: Error parameters, (p,), [m] and [rad] in the order of `errors.names`.
         session: Whose screen placement to use.
-        joints: Also differentiate by the moving joints.
 
     Raises:
         ShapeMismatch: q or x does not fit this chain and error model.
     """
-    placed = errors.placements(x, session)
-    return motion_at(arm, placed, arm.chain_positions(q), joints)
+    return motion_at(arm, errors.placements(x, session), arm.chain_positions(q))
 
 
-def motion_at(
-    arm: ArmKinematics, placed: Placements, positions: Matrix, joints: bool = False, yielding: Yielding | None = None
-) -> ArmMotion:
-    """Frames and twists at chain positions (n, moving), with the chain's constants given; joint twists on request.
+def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, yielding: Yielding | None = None) -> ArmMotion:
+    """The same at chain positions (n, moving), with the chain's constants given.
 
     Args:
         arm: Kinematics of the chain; with bends where joints yield about axes across their own.
         placed: The chain's constants.
         positions: Of the moving joints, (n, moving).
-        joints: Also give the twists by the moving joints.
         yielding: How joints give way at these poses.
     """
-    arm.place(placed.joints)
-    every = arm.frames(positions if yielding is None else _given_way(arm, positions, yielding))
-    frames = arm.bodies(every)
-    jac1 = _twists(frames, placed.anchors, placed.screws).transpose(1, 0, 2)
-    axis_twists = np.empty((len(positions), 6, 0))
-    if joints or yielding is not None:
-        axis_twists = _twists(every, np.array(arm.layout.motion), arm.axis_screws).transpose(1, 0, 2)
-    if yielding is not None and placed.screws.shape[1]:
-        jac1[:, :, yielding.columns] = _yielding_twists(arm, every, axis_twists, yielding)
-    return ArmMotion(
-        frames=_placed_frames(arm.chain, frames, placed.frames),
-        jac1=jac1,
-        axis_twists=axis_twists if joints else axis_twists[:, :, :0],
-    )
+    return ArmMotion(PlacedArm(arm, placed), arm.posture(positions, yielding), yielding)
 
 
-def _given_way(arm: ArmKinematics, positions: Matrix, yielding: Yielding) -> Matrix:
-    """Positions of all joints of the arm's model, bends included, (n, joints - 1)."""
-    signs = _signs(arm)
-    every = np.zeros((len(positions), arm.joints - 1))
-    every[:, np.array(arm.layout.motion) - 1] = positions
-    for angle, joint, bend in zip((yielding.basis * yielding.x).T, yielding.joints, yielding.bends, strict=True):
-        own = arm.layout.motion[joint] if bend < 0 else arm.layout.bends[bend]
-        every[:, own - 1] += signs[joint] * angle
-    return every
-
-
-def _yielding_twists(arm: ArmKinematics, every: Array3, axis_twists: Array3, yielding: Yielding) -> Array3:
-    """Twists of all that lies behind a joint, per unit of what it yields by, (n, 6, terms)."""
-    screws = np.zeros((6, len(arm.bends)))
-    for column, bend in enumerate(arm.bends):
-        screws[3:, column] = bend.axis
-    bent = _twists(every, np.array(arm.layout.bends, dtype=int), screws).transpose(1, 0, 2)
-    signs = _signs(arm)
-    free = len(yielding.columns)  # terms that are held come behind those that are estimated
-    columns = [
-        signs[joint] * (axis_twists[:, :, joint] if bend < 0 else bent[:, :, bend])
-        for joint, bend in zip(yielding.joints[:free], yielding.bends[:free], strict=True)
-    ]
-    return np.stack(columns, axis=2) * yielding.basis[:, None, :free] if columns else np.empty((*axis_twists.shape[:2], 0))
-
-
-def _signs(arm: ArmKinematics) -> list[float]:
-    return [1.0 if step.forward else -1.0 for step in arm.chain.moving]
-
-
-def _placed_frames(chain: Chain, frames: Array3, local: list[SE3]) -> Array4:
-    """The chain's frames [R | p], (frames, n, 3, 4), from those of the joints."""
-    placed = np.empty((len(local), frames.shape[1], 3, 4))
-    for own, frame, placement in zip(placed, chain.frames, local, strict=True):
-        body = frames[:, :, 4 * frame.depth : 4 * frame.depth + 4]
-        own[:] = (body @ placement.homogeneous).transpose(1, 0, 2)
-    return placed
-
-
-def _twists(frames: Array3, anchors: Vector, screws: Matrix) -> Array3:
-    """Twists [R v + p x R w, R w] of constant screws in the frames that they are anchored to, (6, n, columns)."""
-    _, n, width = frames.shape
-    flat, pick = frames.reshape(3 * n, width), np.arange(screws.shape[1])
-
-    def turned(vectors: Matrix) -> Array3:
-        basis = np.zeros((width // 4, 4, len(pick)))
-        basis[anchors, :3, pick] = vectors.T
-        return (flat @ basis.reshape(width, len(pick))).reshape(3, n, len(pick))
-
-    twists = np.empty((6, n, len(pick)))
-    twists[:3], w, p = turned(screws[:3]), turned(screws[3:]), frames[:, :, 4 * np.asarray(anchors) + 3]
-    for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
-        twists[axis] += p[i] * w[j]
-        twists[axis] -= p[j] * w[i]
-    twists[3:] = w
-    return twists
+def _from(body: Array3, local: Matrix) -> Array3:
+    """[R | p] of a frame, (n, 3, 4), from the columns of its body (4, 3, n)."""
+    n = body.shape[-1]
+    return np.asarray((local.T @ body.reshape(4, 3 * n)).reshape(4, 3, n).transpose(2, 1, 0))

@@ -13,7 +13,8 @@ import numpy as np
 
 from urdfcal.base.geometry import Matrix
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, arm_motion
+from urdfcal.model.jacobian import arm_motion
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Kind, Parameter
 from urdfcal.model.slots import Slot
 from urdfcal.robot.chain import Chain
@@ -90,6 +91,7 @@ def enter(
         anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
         offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
         order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
+    jacobian = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same columns, in fewer rows
     taken = set(independent_columns(jacobian, order))
     carried = {}
     if automatic:

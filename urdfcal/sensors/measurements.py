@@ -231,7 +231,7 @@ class Measurements:
     @property
     def session_names(self) -> tuple[str, ...]:
         """The sessions in order of their first pose."""
-        return tuple(dict.fromkeys(str(session) for session in self.sessions))
+        return tuple(dict.fromkeys(self.sessions.tolist()))
 
     def subset(self, rows: npt.ArrayLike) -> Measurements:
         """Some of the poses, by mask or index."""

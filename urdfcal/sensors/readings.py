@@ -93,7 +93,7 @@ class Readings:
     @cached_property
     def touched(self) -> tuple[str, ...]:
         """The labels in order of their first pose."""
-        return tuple(dict.fromkeys(str(label) for label in self.labels if label))
+        return tuple(dict.fromkeys(self.labels[self.labels != ""].tolist()))
 
 
 def blank_readings(sensor: str, target: str, link: str, poses: int = 0) -> Readings:

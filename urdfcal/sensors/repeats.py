@@ -90,11 +90,11 @@ def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:
         keys: What else must be equal, (n,): session, payload, what was touched.
         approach: Directions of the joints' last moves, (n, joints), of which none may be opposite.
     """
-    if not len(q):
-        return np.empty(0, dtype=np.intp)
+    if len(q) < 2:
+        return np.zeros(len(q), dtype=np.intp)
     steps = np.round(q / resolution(q)).astype(np.int64)
     ways = np.zeros((len(q), 0), dtype=np.int64) if approach is None else approach.astype(np.int64)
-    cells, cell_of = np.unique(np.column_stack([_APART * keys, steps, ways]), axis=0, return_inverse=True)
+    cells, cell_of = _distinct_rows(np.column_stack([_APART * keys, steps, ways]))
     one, other = _touching(cells[:, : 1 + q.shape[1]], cells[:, 1 + q.shape[1] :])
     if not len(one):
         return _in_order(cell_of.ravel())
@@ -104,6 +104,15 @@ def same_poses(q: Matrix, keys: Rows, approach: Matrix | None = None) -> Rows:
     np.minimum.at(least, joined, places)
     cut = np.column_stack([joined, (places - least[joined]) // _CELLS])
     return _in_order(np.unique(cut, axis=0, return_inverse=True)[1].ravel()[cell_of.ravel()])
+
+
+def _distinct_rows(table: Matrix) -> tuple[Matrix, Rows]:
+    """The different rows of whole numbers, and which of them each row is; mostly all of them are different, and one sum tells it."""
+    sums = table @ np.random.default_rng(0).integers(1, 1 << 40, table.shape[1])
+    if len(np.unique(sums)) == len(table):
+        return table, np.arange(len(table))
+    rows, which = np.unique(table, axis=0, return_inverse=True)
+    return rows, which
 
 
 def _touching(places: Matrix, ways: Matrix) -> tuple[Rows, Rows]:
@@ -155,8 +164,9 @@ def codes(*columns: Any) -> Rows:
     """A number for every different combination of what some columns, (n,) each, hold."""
     found = np.zeros(len(columns[0]), dtype=np.intp)
     for column in columns:
-        _, which = np.unique(column, return_inverse=True)
-        found = np.unique(np.column_stack([found, which.ravel()]), axis=0, return_inverse=True)[1].ravel()
+        if (column != column[:1]).any():
+            _, which = np.unique(column, return_inverse=True)
+            found = np.unique(found * (which.max() + 1) + which.ravel(), return_inverse=True)[1].ravel()
     return found
 
 

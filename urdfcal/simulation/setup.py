@@ -14,10 +14,9 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
-from urdfcal.calibration.problem import seen_by, seen_placement
 from urdfcal.calibration.reach import screen_area
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, motion_at
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import SIX, Grid
@@ -75,13 +74,13 @@ class SimulatedSetup:
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
         errors, chain = self.errors, self.errors.chain
-        arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
-        placed = errors.still_placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), joints=True, yielding=errors.yielding_at(self.x, q))
+        arm, placed = errors.arm, errors.placements(self.x, session)
+        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
-                seen[frame.name] = *seen_placement(motion.frames, index, 0), seen_by(twists, chain, motion, placed, index, 0)[1]
+                by_axis = motion.axis_derivatives(motion.from_base(twists, 0), index, 0)
+                seen[frame.name] = *motion.seen(index, 0), by_axis
         return motion, seen
 
     @property
@@ -92,15 +91,14 @@ class SimulatedSetup:
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
         errors, chain = self.errors, self.errors.chain
-        arm = ArmKinematics(chain, errors.soft.bends if errors.soft is not None else ())
-        placed = errors.still_placements(self.x, session)
-        frames = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q)).frames
+        arm, placed = errors.arm, errors.placements(self.x, session)
+        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
             label, at = (sensor.link, grid.points()) if grid is not None else (sensor.target, np.zeros((1, 3)))
             if label not in found:
-                p, R = seen_placement(frames, chain.frame_index("target", sensor.target), 0)
+                p, R = motion.seen(chain.frame_index("target", sensor.target), 0)
                 first = at[int(sensor.target.partition(":")[2])] if grid is not None else np.zeros(3)
                 found[label] = Subject(p - R @ first, R, at, grid is not None)
         return list(found.values())

@@ -9,7 +9,6 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix, Vector
-from urdfcal.model.jacobian import CHUNK
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import point_jacobian
@@ -18,6 +17,7 @@ from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, place_labe
 _ROUNDS, _LONGEST_STEP, _DAMPING = 40, 0.5, 1e-9  # of Newton's method; steps in [rad] and [m]
 _REACHED = 1e-11  # [m] how near a touch must come to its place
 _MOST_DRAWS = 400_000
+_AT_ONCE = 1024  # touches that are looked for at once
 
 
 @dataclass(frozen=True)
@@ -61,8 +61,8 @@ def touching(setup: SimulatedSetup, session: str, touches: Sequence[Touch], off:
     wanted = [_goal(setup, touch, apart) for touch, apart in zip(touches, off, strict=True)]
     q, open_, drawn = np.empty((len(wanted), len(setup.robot.chain.inputs))), np.arange(len(wanted)), 0
     while len(open_) and drawn < max(_MOST_DRAWS, 20 * len(wanted)):
-        rows = open_[:CHUNK]
-        rows = np.resize(rows, max(len(rows), min(CHUNK, 64)))
+        rows = open_[:_AT_ONCE]
+        rows = np.resize(rows, max(len(rows), min(_AT_ONCE, 64)))
         found, there = _newton(setup, session, [wanted[row] for row in rows], random_positions(setup, len(rows), rng))
         q[rows[there]] = found[there]
         open_, drawn = np.setdiff1d(open_, rows[there]), drawn + len(rows)

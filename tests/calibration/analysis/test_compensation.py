@@ -18,10 +18,10 @@ from tests.support.small_robot import joint, robot_of, robot_text
 from urdfcal.base.errors import CalibrationFileError, ShapeMismatch
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.analysis.compensation import ArmScrews, Compensation, compensation_files, in_memory
-from urdfcal.calibration.problem import seen_placement
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gravity import Gravity, WeighedRobot
-from urdfcal.model.jacobian import ArmKinematics, ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.softness import EXTRAS, Softness, extra_terms, gravity_terms
 from urdfcal.robot.configurations import joint_limits, whole_configurations
 from urdfcal.robot.robot import Robot
@@ -84,7 +84,7 @@ def bent_tips(compensation: Compensation, q: Matrix) -> Matrix:
     if compensation.robot.rig.lasers:
         return motion.frames[compensation.softness.chain.laser_frames[0]][:, :, 3]
     chain = compensation.softness.chain
-    return seen_placement(motion.frames, chain.frame_index("target", compensation.robot.rig.tip), chain.measuring_frame)[0]
+    return motion.seen(chain.frame_index("target", compensation.robot.rig.tip), chain.measuring_frame)[0]
 
 
 def wrists_free(compensation: Compensation, q: Matrix) -> Matrix:
@@ -137,7 +137,7 @@ def test_screws_are_those_of_the_error_model(name: str, robots: dict[str, Robot]
     robot = arm(name, robots)
     q, kinematics = positions(robot, rng, 5), ArmKinematics(robot.chain)
     bare = ErrorModel(robot.chain, (), ())
-    expected = motion_at(kinematics, bare.placements(np.empty(0)), kinematics.chain_positions(q), joints=True).axis_twists
+    expected = motion_at(kinematics, bare.placements(np.empty(0)), kinematics.chain_positions(q)).axis_twists
     found, model, data = ArmScrews(robot, [], []).twists(q), robot.model, robot.model.createData()
     for pose, whole in enumerate(whole_configurations(robot, q)):
         pin.framesForwardKinematics(model, data, whole)

@@ -112,11 +112,10 @@ def test_deflections_are_told_as_they_are(soft_panda: tuple[Calibration, Measure
         assert told[one].mrad == pytest.approx(1e3 * np.linalg.norm(angles[:, own], axis=1).max())
     errors, x = sagging.errors, sagging.estimate.belief.x
     model = Problem(errors, sagging.calibration.data)
-    placed, rows = errors.placements(x, ""), np.arange(len(model.data))
     joint = names[3]
     still = x.copy()
     still[[errors.names.index(term.name) for term, name in zip(terms, names, strict=True) if name == joint]] = 0.0
-    tip = [model.motion(state, placed, rows).frames[1][:, :, 3] for state in (x, still)]
+    tip = [model.motion(state).frames[1][:, :, 3] for state in (x, still)]
     moved = np.linalg.norm(tip[0] - tip[1], axis=1).max() / MM
     assert told[joint].tool_mm == pytest.approx(moved, rel=0.01)
     text = " ".join(as_text(sag_blocks(sagging)).split())

@@ -38,8 +38,7 @@ def information_of_a_pose(errors: ErrorModel, data: Measurements, noise: Noise, 
     linearisation = without_lost(problem_of(replace(errors, held_sum={}, earlier=None), further, noise).linearise(x))
     if further is not data:  # drawn poses are poses of their own, also where some of them came out the same
         linearisation = replace(linearisation, poses=None)
-    H = noise.weights(linearisation).jacobian(linearisation)
-    return np.asarray(H.T @ H / (data.pose_count if further is data else len(further)))
+    return np.asarray(noise.normal(linearisation).A / (data.pose_count if further is data else len(further)))
 
 
 def _elsewhere(errors: ErrorModel, data: Measurements, x: Vector, rng: np.random.Generator) -> Measurements:

@@ -25,8 +25,9 @@ from urdfcal.base.geometry import SE3, Array3, Array4, Matrix, Vector, product
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import poses_in_view
 from urdfcal.calibration.result import FitResult
-from urdfcal.model.error_model import ErrorModel, Placements
-from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 from urdfcal.sensors.measurements import Measurements, spot_readings
@@ -135,8 +136,9 @@ def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Mat
     way = tool_way(robot, link, far)
     placed, arm = errors.placements(x, errors.sessions[0]), ArmKinematics(robot.chain)
     positions = arm.chain_positions(q)
-    twists = motion_at(arm, placed, positions).jac1  # at the screen's origin
-    points = way.points(arm.frames(positions), placed, errors.corrected_origins(x))
+    motion = motion_at(arm, placed, positions)
+    twists = motion.jac1  # at the screen's origin
+    points = way.points(motion, errors.corrected_origins(x))
     columns = way.columns(errors)
     jacobian = np.zeros_like(twists)
     v, w = twists[:, :3, columns], twists[:, 3:, columns]
@@ -190,12 +192,11 @@ class ToolWay:
         moving = {f"{slot.label}.{name}" for slot in slots if passed.intersection(slot.joints) for name in slot.names}
         return [column for column, name in enumerate(errors.names) if name in moving]
 
-    def points(self, frames: Array3, placed: Placements, corrected: dict[str, SE3]) -> Matrix:
-        """Origins of the tool in screen axes, (n, 3), from the frames of all joints on the screen, (3, n, 4 joints)."""
-        behind = product([corrected.get(joint.name, joint.origin) for joint in self.behind])
-        local = behind if self.forward else placed.joints[self.last] * behind
-        frame = frames[:, :, 4 * self.last : 4 * self.last + 4]
-        return np.asarray((frame @ np.append(local.translation, 1.0)).T)
+    def points(self, motion: ArmMotion, corrected: dict[str, SE3]) -> Matrix:
+        """Origins of the tool in screen axes, (n, 3)."""
+        behind = product([corrected.get(joint.name, joint.origin) for joint in self.behind]).homogeneous
+        local = behind if self.forward else motion.placed.placed.joints[self.last] @ behind
+        return motion.points(self.last, local[:3, 3])
 
 
 def tool_way(robot: Robot, link: str, far: bool = False) -> ToolWay:

@@ -253,7 +253,7 @@ class _Setup:
             keep = [name for name, group in zip(self.calibration.errors.names, chosen.groups, strict=True) if not group]
             prior, first, _ = by_evidence(model.linearise, errors.prior(keep), self.noise, first)
             errors = errors.with_prior(prior)
-            model = problem_of(errors, self.data, self.noise)
+            model = model.with_prior(errors)
         return _Fitted(errors, first, model, terms)
 
     def held_out(self, alone: _Fitted, whole: _Fitted, folds: int, rng: np.random.Generator) -> HeldOut | None:

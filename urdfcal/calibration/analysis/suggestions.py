@@ -26,7 +26,8 @@ from urdfcal.estimation.identifiability import identify
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, missing_screen_parameters
-from urdfcal.model.jacobian import ArmKinematics, arm_motion
+from urdfcal.model.jacobian import arm_motion
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits

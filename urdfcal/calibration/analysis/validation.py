@@ -194,9 +194,7 @@ def _compare(calibration: FitResult, test: Measurements, unit: str) -> _Comparis
     prior = Belief.independent(errors.mean, errors.sigma)
     P = posterior(linearisation, prior, noise)  # every measurement counted once, whatever the estimator's own
     if not noise.settled(linearisation):
-        noise = noise.estimated(
-            linearisation, degrees_of_freedom(linearisation, noise.weights(linearisation).jacobian(linearisation), Belief(calibration.x, P))
-        )
+        noise = noise.estimated(linearisation, degrees_of_freedom(linearisation, noise, Belief(calibration.x, P)))
         P = posterior(linearisation, prior, noise)
     least = (_LEAST_ERROR / noise.spot_sigma) ** 2
     left_out = _mean_squares(_left_out_residuals(linearisation, noise, P), linearisation, least, calibration.data.pose_count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.base.geometry import Mask, Matrix
 from urdfcal.calibration.asking.ground import Ground
@@ -32,8 +33,8 @@ class Gears:
         """Sin and cos of each joint's angle times CYCLES, (rows, cycles): powers of exp(i q)."""
         found = []
         for _, q in self.ground.turning:
-            powers = np.cumprod(np.repeat(np.exp(1j * q[:: self._stride])[:, None], CYCLES[-1], axis=1), axis=1)[:, CYCLES[0] - 1 :]
-            found.append((np.ascontiguousarray(powers.imag), np.ascontiguousarray(powers.real)))
+            wanted = _powers(np.exp(1j * q[:: self._stride]), int(CYCLES[-1]))[CYCLES[0] - 1 :]
+            found.append((np.ascontiguousarray(wanted.imag).T, np.ascontiguousarray(wanted.real).T))
         return found
 
     def answer(self, fitted: Fitted, cycles: Mask) -> Answer | None:
@@ -51,3 +52,14 @@ class Gears:
                 B = (column.reshape(rows, -1, 1) * wave[:, None]).reshape(-1, 2)
                 best = Answer("harmonics", joint, gain + score.gain, B, cycles=turns, share=score.explained)
         return best
+
+
+def _powers(z: npt.NDArray[np.complex128], count: int) -> npt.NDArray[np.complex128]:
+    """z, z^2, z^3 ... of numbers (n,), (count, n): as many again from those that there are, times the last of them."""
+    powers, known = np.empty((count, len(z)), dtype=complex), 1
+    powers[0] = z
+    while known < count:
+        more = min(known, count - known)
+        np.multiply(powers[:more], powers[known - 1], out=powers[known : known + more])
+        known += more
+    return powers

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -42,8 +42,11 @@ class Ground:
 
     @cached_property
     def linearisation(self) -> Linearisation:
-        """At the estimate."""
-        return self.model.linearise(self.estimate.belief.x)
+        """At the estimate; its Jacobian comes with what is read more where joints turn."""
+        here = self.model.linearise(self.estimate.belief.x)
+        if here.known:
+            return here
+        return replace(here, jacobian=lambda: self._with_turns[0])
 
     @property
     def numbers(self) -> int:
@@ -93,15 +96,23 @@ class Ground:
         usual = map(Gravity, DOWN if self.anywhere else DOWN[:1])
         return tuple(WeighedRobot(self.robot, pull) for pull in ([self.gravity] if self.gravity is not None else usual))
 
-    @cached_property
+    @property
     def turns(self) -> tuple[Array3, tuple[Term, ...]]:
         """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
+        return self._with_turns[1], unit_terms(self.robot.chain)
+
+    @cached_property
+    def _with_turns(self) -> tuple[Array3, Array3]:
+        """Derivatives by the parameters, (n, m, p), and by turns that the fit does not have, (n, m, terms): of one sweep."""
         terms, soft = unit_terms(self.robot.chain), self.model.errors.soft
         weighed, before = (soft.weighed, soft.terms) if soft is not None else (self.pulls[0], ())
         errors = with_softness(self.model.errors, (*before, *terms), weighed, self.robot.rig.tip)
-        x = np.concatenate([self.estimate.belief.x, np.zeros(len(terms))])
-        linearised = Problem(errors, self.model.data).linearise(x)
-        return linearised.jacobian[: len(self.model.data), :, len(self.estimate.belief.x) :], terms
+        x = dict(zip(self.model.errors.names, self.estimate.belief.x.tolist(), strict=True))
+        whole = Problem(errors, self.model.data).jacobian(np.array([x.get(name, 0.0) for name in errors.names]))
+        if errors.names[: len(x)] == self.model.errors.names and not before:
+            return whole[:, :, : len(x)], whole[:, :, len(x) :]
+        own, turned = ([errors.names.index(name) for name in names] for names in (x, [term.name for term in terms]))
+        return whole[:, :, own], whole[:, :, turned]
 
     @cached_property
     def own_turns(self) -> Matrix:

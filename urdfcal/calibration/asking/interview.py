@@ -23,7 +23,7 @@ from urdfcal.calibration.asking.lacking import Lacking
 from urdfcal.calibration.asking.questions import NAMED, Answer, Question
 from urdfcal.calibration.asking.rig import rig_columns, rig_questions
 from urdfcal.calibration.error_table import error_table, main_unit, rms_of
-from urdfcal.estimation.score import Fitted, Score
+from urdfcal.estimation.score import Fitted
 from urdfcal.model.rig_terms import RigTerm
 from urdfcal.sensors.sensor import MAIN_UNIT
 
@@ -93,12 +93,12 @@ class Interview:
         known, pulled = {answer.cycles for answer in found}, any(answer.what == "sag" for answer in found)
         columns, questions, terms = self._columns
         questions = [question for question in questions if question.what != "sag" or not pulled]
-        score, best = fitted.asked(columns), dict[str, tuple[float, Score, Question]]()
-        for question in questions:
+        score, best = fitted.asked(columns), dict[str, tuple[float, Question]]()
+        for question, gain in zip(questions, score.gains_of_parts([question.columns for question in questions]), strict=True):
+            if question.what not in best or gain - question.price > best[question.what][0]:
+                best[question.what] = gain - question.price, question
+        for what, (gain, question) in best.items():
             own = score.part(question.columns)
-            if question.what not in best or own.gain - question.price > best[question.what][0]:
-                best[question.what] = own.gain - question.price, own, question
-        for what, (gain, own, question) in best.items():
             rig = tuple(replace(terms[n], sigma=terms[n].sigma * max(own.size, 1.0)) for n in question.columns.tolist() if n in terms)
             yield Answer(what, question.where, gain, columns[:, question.columns] * own.size, rig, share=own.explained)
         gears = sum(answer.what == "harmonics" for answer in found)

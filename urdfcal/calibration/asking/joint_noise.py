@@ -17,14 +17,15 @@ def joint_noise(ground: Ground, fitted: Fitted) -> Answer:
     rows, m = ground.rows, ground.linearisation.residual.shape[1]
     reach = ground.own_turns.reshape(rows, m, -1)
     values, vectors = np.linalg.eigh(reach @ reach.transpose(0, 2, 1))
+    turned = fitted.spread(vectors.transpose(0, 2, 1))  # in the axes in which that noise is independent
     tried = []
     for sigma in _SIGMAS.tolist():
         grown = 1 + sigma**2 * np.maximum(values, 0.0)
-        roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
-        spread = fitted.spread(roots)
-        gain = spread.log_evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
-        scale = np.sqrt(spread.total / spread.numbers)  # what is left of the sensor's own noise
-        tried.append((gain, float(sigma * scale), roots, 1 - spread.total / fitted.total, float(scale)))
-    gain, sigma, roots, share, left = max(tried, key=lambda each: each[0])
+        evidence, total = turned.weighed(1 / np.sqrt(grown.ravel()))
+        gain = evidence - 0.5 * float(np.sum(np.log(grown))) - fitted.log_evidence
+        scale = np.sqrt(total / fitted.numbers)  # what is left of the sensor's own noise
+        tried.append((gain, float(sigma * scale), grown, 1 - total / fitted.total, float(scale)))
+    gain, sigma, grown, share, left = max(tried, key=lambda each: each[0])
+    roots = (vectors / np.sqrt(grown)[:, None]) @ vectors.transpose(0, 2, 1)
     price = float(np.log(len(tried)))
     return Answer("joint_noise", "", gain - price, np.empty((rows * m, 0)), share=share, noise=roots, joint_sigma=sigma, left=left)

@@ -21,7 +21,6 @@ import numpy.typing as npt
 from urdfcal.base.geometry import MM, Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.calibration.problem import Problem
-from urdfcal.model.jacobian import motion_at
 from urdfcal.sensors.spots import Beams, beams_in
 
 _RAYLEIGH = 1.1774  # median length of a two-dimensional Gaussian of unit sigma
@@ -92,15 +91,11 @@ def misses(model: Problem, x: Vector, derivatives: bool = True) -> Misses:
     errors, chain = model.errors, model.errors.chain
     p = len(errors.names) if derivatives else 0
     e, distance, jacobian = np.empty((n, lasers, 3)), np.empty((n, lasers)), np.empty((n, lasers, 3, p))
-    place = errors.placements if derivatives else errors.still_placements
-    placed = {session: place(x, session) for session in errors.sessions}
-    for session, rows in model.parts:
-        own = placed[session]
-        motion = motion_at(model.arm, own, model.positions[rows])
+    for rows, motion in model.motions(x):
         e[rows], distance[rows], by_twist = _missed(beams_in(chain, motion), model.data.spots[rows])
         if p:
             by_parameter = by_twist.reshape(-1, 3 * lasers, 6) @ motion.jac1
-            jacobian[rows] = by_parameter.reshape(-1, lasers, 3, p) * own.moves[chain.laser_frames][:, None]
+            jacobian[rows] = by_parameter.reshape(-1, lasers, 3, p) * motion.placed.placed.moves[chain.laser_frames][:, None]
     return Misses(e, distance, jacobian)
 
 

@@ -22,9 +22,8 @@ from urdfcal.base.closed_form import (
 )
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix
-from urdfcal.calibration.problem import seen_placement
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.jacobian import motion_at
 from urdfcal.model.parameters import DEFAULT_PRIORS, INSTRUMENTS, PriorScale
 from urdfcal.model.slots import Slot
 from urdfcal.robot.rig import SIX
@@ -177,10 +176,9 @@ def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
 
 def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
     """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
-    arm = ArmKinematics(errors.chain)
-    placed = errors.still_placements(errors.mean, session)
-    frames = motion_at(arm, placed, arm.chain_positions(q)).frames
-    origin, axes = seen_placement(frames, errors.chain.frame_index("target", target), errors.chain.measuring_frame)
+    arm, placed = errors.arm, errors.placements(errors.mean, session)
+    motion = motion_at(arm, placed, arm.chain_positions(q))
+    origin, axes = motion.seen(errors.chain.frame_index("target", target), errors.chain.measuring_frame)
     return axes, origin
 
 

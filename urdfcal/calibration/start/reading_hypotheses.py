@@ -50,8 +50,9 @@ def readings_explained(model: Problem, found: Estimate, noise: Noise) -> bool:
         return False
     if not found.converged or _left_over(model, found.belief.x, noise) >= _PLAUSIBLE:
         return False
-    odd = [_unexplained(model, x, noise) for x in (found.belief.x, _robust(model, found.belief.x, noise))]
-    return not all(_enough(model.data, own) for own in odd)
+    if not _enough(model.data, _unexplained(model, found.belief.x, noise)):
+        return True
+    return not _enough(model.data, _unexplained(model, _robust(model, found.belief.x, noise), noise))
 
 
 def best_reading_hypothesis(

@@ -59,8 +59,7 @@ def deflections(sag: SagFit) -> list[Deflection]:
 def _twists_at_tool(sag: SagFit) -> Matrix:
     """Motion of the module, or the farthest target, per unit of every soft parameter, at the fitted poses, (n, 6, terms)."""
     model, errors, x = Problem(sag.errors, sag.calibration.data), sag.errors, sag.estimate.belief.x
-    rows, session = np.arange(len(model.data)), errors.sessions[0]
-    motion = model.motion(x, errors.placements(x, session), rows)
+    motion = model.motion(x)
     columns = [errors.names.index(term.name) for term in sag.softness.terms]
     lasers, depths = errors.chain.laser_frames, [frame.depth for frame in errors.chain.frames]
     point = motion.frames[lasers[0] if lasers else int(np.argmax(depths))][:, :, 3]

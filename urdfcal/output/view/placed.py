@@ -19,7 +19,8 @@ from urdfcal.calibration.problem import Channel, Problem
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, of_these_poses
-from urdfcal.model.jacobian import ArmKinematics, motion_at
+from urdfcal.model.jacobian import motion_at
+from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
@@ -101,7 +102,7 @@ class Placed:
 
     def frames(self, q: Matrix) -> Array4:
         """The frames of its chain in the axes of its base, [R | p], (frames, n, 3, 4), at joint positions (n, inputs)."""
-        placed = self.errors.still_placements(self.x, self.errors.sessions[0])
+        placed = self.errors.placements(self.x, self.errors.sessions[0])
         arm = ArmKinematics(self.errors.chain)
         return motion_at(arm, placed, arm.chain_positions(q)).frames
 

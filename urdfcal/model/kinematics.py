@@ -1,0 +1,239 @@
+"""Forward kinematics of a chain for many poses at once: products of stacked matrices, an axis at a time.
+
+Every motion is an *element*: a turn about z, or a slide along it, in axes of its own that have z along the joint's axis. What stands
+between two elements is constant, so that a step of the way is one product with a constant for all poses, and a turn of two columns,
+
+    [x y] <- [x y] [c -s; s c],        or of a slide        p <- p + q z.
+
+Numbers of one component lie together over the poses. Pinocchio's forward kinematics of the same chain is the witness in the tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from urdfcal.base.errors import ShapeMismatch
+from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
+from urdfcal.base.rotations import skew
+from urdfcal.model.softness import Yielding, across
+from urdfcal.model.walk import Placements
+from urdfcal.robot.chain import Bend, Chain
+
+_UNIT = np.eye(4)
+
+
+@dataclass(frozen=True)
+class Element:
+    """One motion of the way.
+
+    Attributes:
+        joint: Index of the moving joint whose it is.
+        axes: Of its own, as columns behind the element before it, (3, 3); the motion is about the third, or along it.
+        slides: Whether it is along it.
+        bend: Index of the bend that it is; -1 for the joint's own motion.
+    """
+
+    joint: int
+    axes: Matrix
+    slides: bool
+    bend: int
+
+
+class ArmKinematics:
+    """The motions of a chain, and of joints that give way.
+
+    Attributes:
+        chain: The way.
+        bends: Axes about which joints give way; each is an element of its own on the far side of its joint's motion.
+        elements: Every motion, in order of the way.
+        own: Of each moving joint, the element that is its own motion, (moving,).
+        last: Of each body, the element behind which it follows; -1 for the screen, (moving + 1,).
+    """
+
+    def __init__(self, chain: Chain, bends: Sequence[Bend] = ()) -> None:
+        self.chain, self.bends = chain, tuple(bends)
+        self.elements = tuple(self._elements())
+        self.own = np.array([number for number, element in enumerate(self.elements) if element.bend < 0], dtype=np.intp)
+        joints = [element.joint for element in self.elements]
+        self.last = [-1, *(number for number, joint in enumerate(joints) if number + 1 == len(joints) or joints[number + 1] != joint)]
+
+    def _elements(self) -> Iterator[Element]:
+        for joint, step in enumerate(self.chain.moving):
+            own = [number for number, bend in enumerate(self.bends) if bend.joint == joint]
+            for number in [-1, *own] if step.forward else [*own[::-1], -1]:
+                axis = np.array(step.joint.axis if number < 0 else self.bends[number].axis)
+                yield Element(joint, _axes_about(axis), number < 0 and step.joint.prismatic, number)
+
+    @cached_property
+    def signs(self) -> Vector:
+        """1 where a moving joint is walked from parent to child, else -1, (moving,)."""
+        return np.array([1.0 if step.forward else -1.0 for step in self.chain.moving])
+
+    @cached_property
+    def turned(self) -> Array3:
+        """The axes of the element that each body follows, as rotations that undo them, (moving + 1, 3, 3)."""
+        return np.array([np.eye(3) if number < 0 else self.elements[number].axes.T for number in self.last])
+
+    @cached_property
+    def axes(self) -> tuple[Array3, Array3]:
+        """The axes of the element before each, undone, and of each itself, (elements, 3, 3) both."""
+        axes = np.array([element.axes for element in self.elements])
+        return np.concatenate([_UNIT[None, :3, :3], axes[:-1].transpose(0, 2, 1)]), axes
+
+    @cached_property
+    def firsts(self) -> list[int]:
+        """Of each moving joint the element that carries its placement."""
+        return [number + 1 for number in self.last[:-1]]
+
+    def chain_positions(self, q: Matrix) -> Matrix:
+        """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
+
+        Raises:
+            ShapeMismatch: q has not one column a measured joint.
+        """
+        q = np.asarray(q, dtype=float)
+        if q.ndim != 2 or q.shape[1] != len(self.chain.inputs):
+            raise ShapeMismatch(f"expected joint positions of shape (poses, {len(self.chain.inputs)}), found {q.shape}")
+        return q @ self.chain.coupling + self.chain.offset
+
+    def posture(self, positions: Matrix, yielding: Yielding | None = None) -> Posture:
+        """Every element's motion at chain positions (n, moving), in which joints give way."""
+        every = np.zeros((len(self.elements), len(positions)))
+        every[self.own] = positions.T
+        for angle, joint, bend in zip((yielding.basis * yielding.x).T, yielding.joints, yielding.bends, strict=True) if yielding else ():
+            every[self.element_of(joint, bend)] += self.signs[joint] * angle
+        return Posture(every)
+
+    def element_of(self, joint: int, bend: int) -> int:
+        """The element that is a bend or, where that is -1, a joint's own motion."""
+        return int(self.own[joint]) if bend < 0 else self._of_bend[bend]
+
+    @cached_property
+    def _of_bend(self) -> dict[int, int]:
+        return {element.bend: number for number, element in enumerate(self.elements)}
+
+
+class Posture:
+    """Positions of all elements at some poses.
+
+    Attributes:
+        q: (elements, n), [rad] and [m].
+        c: Their cosines, (elements, n).
+        s: Their sines, and these with the other sign, (elements, 2, 1, n).
+    """
+
+    def __init__(self, q: Matrix) -> None:
+        self.q, self.c, s = q, np.cos(q), np.sin(q)
+        self.s = np.stack([s, -s], axis=1)[:, :, None]
+        self._known: tuple[PlacedArm, Array4] | None = None
+
+    def __len__(self) -> int:
+        return int(self.q.shape[1])
+
+    def frames(self, placed: PlacedArm) -> Array4:
+        """Columns x, y, z, p of the base, then behind each element, in the base, (elements + 1, 4, 3, n).
+
+        Where the parameters do not move the joints, sweep after sweep asks the same: that is known.
+        """
+        if not placed.rigid:
+            return placed.frames(self)
+        if self._known is None or not np.array_equal(self._known[0].steps, placed.steps):
+            self._known = placed, placed.frames(self)
+        return self._known[1]
+
+
+class PlacedArm:
+    """An arm with its constants at one value of the parameters.
+
+    Attributes:
+        arm: Its motions.
+        placed: Its constants.
+        steps: From each element to the next one, (elements, 4, 4).
+        rigid: Whether they are these whatever the parameters are.
+    """
+
+    def __init__(self, arm: ArmKinematics, placed: Placements) -> None:
+        self.arm, self.placed, self.rigid = arm, placed, placed.walk.rigid
+        self.steps = np.broadcast_to(_UNIT, (len(arm.elements), 4, 4)).copy()
+        self.steps[arm.firsts] = placed.joints
+        before, axes = arm.axes
+        self.steps[:, :3] = before @ self.steps[:, :3]
+        self.steps[:, :3, :3] = self.steps[:, :3, :3] @ axes
+
+    @cached_property
+    def locals(self) -> Array3:
+        """Placement of each of the chain's frames behind the element that its body follows, (frames, 4, 4)."""
+        turned = self.arm.turned[[frame.depth for frame in self.arm.chain.frames]]
+        placed = self.placed.frames.copy()
+        placed[:, :3] = turned @ placed[:, :3]
+        return placed
+
+    @cached_property
+    def _of_base(self) -> dict[int, tuple[Matrix, Vector, Matrix]]:
+        """By frame that stands in the base: R', p, and Ad(T^-1), what brings twists at the base's origin to its own."""
+        found = {}
+        for index, (frame, local) in enumerate(zip(self.arm.chain.frames, self.locals, strict=True)):
+            if frame.depth == 0:
+                found[index] = local[:3, :3].T, local[:3, 3], inverse_actions(local[None, :3])[0]
+        return found
+
+    def standing(self, frame: int) -> tuple[Matrix, Vector, Matrix] | None:
+        """R', p and Ad(T^-1) of one of the chain's frames if it stands in the base; None if it moves."""
+        return self._of_base.get(frame)
+
+    @cached_property
+    def actions(self) -> Array3:
+        """Ad(T)' of every step: what brings derivatives by twists [v, w] from one element to the next, (elements, 6, 6)."""
+        R, p = self.steps[:, :3, :3], self.steps[:, :3, 3]
+        back, actions = R.transpose(0, 2, 1), np.zeros((len(R), 6, 6))
+        actions[:, :3, :3] = actions[:, 3:, 3:] = back
+        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):  # R' [p]'
+            actions[:, 3:, axis] = back[:, :, i] * -p[:, j, None] + back[:, :, j] * p[:, i, None]
+        return actions
+
+    @cached_property
+    def screws(self) -> Matrix:
+        """Screws of the parameters in the axes of the element that their body follows, (6, p)."""
+        turned = self.arm.turned[self.placed.anchors] @ self.placed.screws.reshape(2, 3, -1).transpose(2, 1, 0)
+        return np.asarray(turned.transpose(2, 1, 0).reshape(6, -1))
+
+    def frames(self, posture: Posture) -> Array4:
+        """Columns x, y, z, p of the base, then behind each element, in the base, (elements + 1, 4, 3, n)."""
+        n = posture.q.shape[1]
+        frames = np.empty((len(self.steps) + 1, 4, 3 * n))
+        frames[0].reshape(4, 3, n)[:] = _UNIT[:, :3, None]
+        for number, (element, step) in enumerate(zip(self.arm.elements, self.steps, strict=True)):
+            np.matmul(step.T, frames[number], out=frames[number + 1])
+            columns = frames[number + 1].reshape(4, 3, n)
+            if element.slides:
+                columns[3] += posture.q[number] * columns[2]
+            else:
+                turn(columns[:2], posture.c[number], posture.s[number])
+        return frames.reshape(len(frames), 4, 3, n)
+
+
+def turn(pair: Array3, c: Vector, s: Array3) -> None:
+    """[a, b] <- [c a + s b, c b - s a] of a pair (2, ...) of components."""
+    other = pair[::-1] * s
+    pair *= c
+    pair += other
+
+
+def inverse_actions(frames: Array3) -> Array3:
+    """Ad(T^-1) of frames [R | p] (n, 3, 4): what brings twists at the base's origin to theirs, (n, 6, 6)."""
+    back = frames[:, :, :3].transpose(0, 2, 1)
+    action = np.zeros((len(frames), 6, 6))
+    action[:, :3, :3] = action[:, 3:, 3:] = back
+    action[:, :3, 3:] = -back @ skew(frames[:, :, 3])
+    return action
+
+
+def _axes_about(axis: Vector) -> Matrix:
+    """Right-handed axes with z along a unit vector, as columns, (3, 3); the identity where it is z itself."""
+    if axis[2] == 1.0:
+        return np.eye(3)
+    return np.column_stack([*across(axis), axis])
