@@ -19,6 +19,7 @@ from urdfcal.calibration import fitting
 from urdfcal.calibration.analysis import check as analysis_check
 from urdfcal.calibration.analysis import online
 from urdfcal.calibration.analysis.compensation import load_compensation
+from urdfcal.calibration.analysis.prediction import default_tool
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.analysis.validation import holdout, kfold
 from urdfcal.calibration.analysis.verdict import Verdict, verdict_of
@@ -50,9 +51,11 @@ from urdfcal.sensors.measurements_csv import read_measurements, write_measuremen
 from urdfcal.simulation.simulated import Simulation, simulate
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
     import pandas
     from matplotlib.figure import Figure
 
+    from urdfcal.deploy.false_targets import FalseTargets
     from urdfcal.output.view.viewer import View
     from urdfcal.sensors.camera import Camera
 
@@ -193,6 +196,34 @@ class Calibration(FitResult, Applicable):
         """
         origins = {name: correction.corrected for name, correction in self.corrections.items()}
         return Deployed(self.robot, origins, rng or np.random.default_rng(0))
+
+    def false_targets(
+        self, wanted: npt.ArrayLike, near: npt.ArrayLike | None = None, *, tool: str | None = None, base: str | None = None
+    ) -> FalseTargets:
+        """What to tell a controller that keeps its nominal geometry, so that the real tool comes where it was wanted.
+
+        Args:
+            wanted: Positions of the joints that move the tool, (n, k), [rad] or [m]: it is wanted where the nominal robot has it there. Or
+                placements of the tool in the base, (n, 4, 4), [m].
+            near: For placements: positions in whose configuration the controller reaches them, (k,) or (n, k).
+            tool: The link that is meant; by default the module, or the first target's link.
+            base: The link that placements are told in; by default the root.
+
+        Returns:
+            `.reached.q` are the positions to tell it, `.placements` the placements, `.reached.left_mm` and `.left_deg` what is left over.
+
+        Raises:
+            RobotError: no such link, or no joint moves the one in the other.
+            ShapeMismatch: the numbers are neither positions nor placements.
+            UsageError: placements without positions near them, or such that the nominal robot does not reach.
+        """
+        from urdfcal.deploy.false_targets import asked_for
+
+        corrected = with_text(self.robot, self.urdf())
+        found: FalseTargets = asked_for(
+            self.robot, corrected, np.asarray(wanted, dtype=float), near, tool or default_tool(self.robot), base
+        )
+        return found
 
     def write_urdf(self, path: str | Path) -> None:
         """Write the calibrated URDF, whole or not at all."""

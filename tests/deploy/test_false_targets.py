@@ -8,9 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from urdfcal.deploy.false_targets import FAR, LEFT_MM, false_joints, false_placements, solved, spoken
+from tests.support.paths import ROBOTS_DIR
+from urdfcal import fit, fit_sag, read_measurements, simulate
+from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.deploy.false_targets import FAR, LEFT_MM, false_joints, false_placements, sagging, solved, spoken
 from urdfcal.output.stored import corrected_robot
-from urdfcal.robot.robot import load_robot
+from urdfcal.robot.robot import Robot, load_robot
 from urdfcal.robot.way import Way
 
 ARMS = {"ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"), "panda": ("panda_description/urdf/panda.urdf", "panda_link8")}
@@ -80,3 +83,32 @@ def test_a_far_target_is_found_from_elsewhere(ways: tuple[Way, Way], rng: np.ran
     reached = solved(nominal, nominal.placements(q), np.zeros_like(q) + 0.3)
     assert reached.whole.all()
     assert np.allclose(nominal.placements(reached.q), nominal.placements(q), atol=1e-8)
+
+
+def test_an_arm_that_gives_way_comes_where_it_was_wanted(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """With a compensation the bent arm has its tool at the told positions where the nominal one has it at the wanted ones."""
+    simulated = simulate(robots["panda"], 60, sensors=("pose:panda_link8",), errors=(1e-3, 1e-3), seed=3)
+    sag = fit_sag(fit(simulated.nominal, simulated.measurements, asking=False))
+    assert sag is not None
+    compensation = sag.compensation()
+    way = Way.between(simulated.nominal, "panda_link8")
+    real = sagging(compensation, Way.between(compensation.robot, "panda_link8"))
+    q = positions(way, rng, 30)
+    found = false_joints(way, real, q)
+    assert np.allclose(real(found.reached.q), way.placements(q), atol=1e-9)
+
+
+def test_from_python(robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """A calibration gives false positions and false placements for the same targets; other shapes are refused."""
+    arm = robots["arm7"]
+    data = read_measurements(ROBOTS_DIR / "arm7" / "measurements.csv", arm)
+    calibration = fit(arm, data, asking=False)
+    way = Way.between(arm, "slm")
+    q = np.clip(data.q[:5], *way.limits)
+    joints = calibration.false_targets(q)
+    placed = calibration.false_targets(way.placements(q), near=q)
+    assert np.allclose(joints.placements, placed.placements, atol=1e-6)
+    with pytest.raises(ShapeMismatch, match="expected \\(n, 7\\) positions"):
+        calibration.false_targets(q[:, :3])
+    with pytest.raises(UsageError, match="near names positions"):
+        calibration.false_targets(way.placements(q))

@@ -16,10 +16,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
+from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.base.rotations import rotation_vectors
 from urdfcal.calibration.analysis.compensation import Compensation
+from urdfcal.robot.robot import Robot
 from urdfcal.robot.way import Way
 
 Placements = Callable[[Matrix], Array3]
@@ -100,6 +103,32 @@ def false_placements(nominal: Way, real: Placements, wanted: Array3, q: Matrix) 
         q: Positions at which the nominal robot has it there, (n, k), [rad] or [m]; `solved` finds them.
     """
     return _false(nominal, real, wanted, q)
+
+
+def asked_for(
+    nominal: Robot, real: Robot, wanted: Array3 | Matrix, near: npt.ArrayLike | None, tool: str, base: str | None = None
+) -> FalseTargets:
+    """False targets for positions (n, k), or for placements (n, 4, 4) with positions near them, (k,) or (n, k).
+
+    Raises:
+        RobotError: no such link, or no joint moves the one in the other.
+        ShapeMismatch: the numbers are neither positions nor placements.
+        UsageError: nothing says in which configuration placements are reached, or the nominal robot does not reach them.
+    """
+    way, there = Way.between(nominal, tool, base), Way.between(real, tool, base).placements
+    if wanted.ndim == 2 and wanted.shape[1] == len(way.names):
+        return false_joints(way, there, wanted)
+    if wanted.ndim != 3 or wanted.shape[1:] != (4, 4):
+        raise ShapeMismatch(
+            f"wanted: expected (n, {len(way.names)}) positions of {', '.join(way.names)}, or (n, 4, 4), found {wanted.shape}"
+        )
+    if near is None:
+        raise UsageError("placements are reached in several configurations; near names positions of the joints, (k,) or (n, k)")
+    reached = solved(way, wanted, np.broadcast_to(np.asarray(near, dtype=float), (len(wanted), len(way.names))))
+    if not reached.whole.all():
+        row = int(np.argmin(reached.whole))
+        raise UsageError(f"the nominal robot does not reach placement {row}: {reached.left_mm[row]:.3f} mm are left over")
+    return false_placements(way, there, wanted, reached.q)
 
 
 def _false(nominal: Way, real: Placements, wanted: Array3, q: Matrix) -> FalseTargets:
