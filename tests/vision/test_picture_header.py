@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from urdfcal.vision.picture_header import stated_size
+from urdfcal.vision.picture_header import is_too_short, stated_size
 
 WIDTH, HEIGHT = 331, 177
 
@@ -65,3 +65,11 @@ def test_a_huge_picture_is_known_from_its_header_alone() -> None:
         20_000,
         20_000,
     )
+
+
+def test_a_picture_that_cannot_hold_its_pixels_is_too_short() -> None:
+    """A PNG of one colour, which packs best, is long enough; with a larger size in its header it is not."""
+    content = cv2.imencode(".png", np.zeros((2000, 3000, 3), np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
+    assert not is_too_short(content)
+    assert is_too_short(content[:16] + struct.pack(">II", 60000, 40000) + content[24:])
+    assert not is_too_short(b"\xff\xd8\xff")

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import InputError
 from urdfcal.base.reading import PICTURE, content_of
-from urdfcal.vision.picture_header import stated_size
+from urdfcal.vision.picture_header import is_too_short, stated_size
 
 MOST_PIXELS = 150_000_000  # as many as the largest sensors have; decoded, with what is made of it, some 2 GB
 
@@ -20,12 +20,14 @@ def picture_content(path: str | Path) -> npt.NDArray[np.uint8]:
     """The bytes of a picture's file, (n,); whether they can be decoded is not known yet.
 
     Raises:
-        InputError: it cannot be read, or its header states more than `MOST_PIXELS`.
+        InputError: it cannot be read, or its header states more than `MOST_PIXELS`, or than its bytes can hold.
     """
     content = content_of(path, PICTURE)
     width, height = _size_of(content)
     if width * height > MOST_PIXELS:
         raise InputError(f"is {width} x {height} px, expected at most {MOST_PIXELS // 1_000_000} Mpx; cut or scale it down", path)
+    if is_too_short(content):
+        raise InputError(f"has too few bytes for the {width} x {height} px that it states; the file is not whole", path)
     return np.frombuffer(content, dtype=np.uint8)
 
 

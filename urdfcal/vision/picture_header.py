@@ -7,6 +7,10 @@ import struct
 _JPEG_SIZES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # markers of frames; the three others are tables
 _JPEG_ALONE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 
+_PNG = b"\x89PNG\r\n\x1a\n"
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by the colour type of a PNG
+_DEFLATED = 1032  # bytes that one byte of deflate can stand for at most
+
 KINDS = ("PNG", "JPEG", "GIF", "BMP", "WebP")
 
 
@@ -18,8 +22,16 @@ def stated_size(content: bytes) -> tuple[str, int, int] | None:
         return None
 
 
+def is_too_short(content: bytes) -> bool:
+    """Whether a PNG has too few bytes for the pixels that it states: then it is not whole, and decoding it takes memory for nothing."""
+    if not content.startswith(_PNG) or len(content) < 26:
+        return False
+    width, height, depth, colour = struct.unpack_from(">IIBB", content, 16)
+    return bool(width * height * depth * _CHANNELS.get(colour, 1) > 8 * _DEFLATED * len(content))
+
+
 def _stated(content: bytes) -> tuple[str, int, int] | None:
-    if content.startswith(b"\x89PNG\r\n\x1a\n") and content[12:16] == b"IHDR":
+    if content.startswith(_PNG) and content[12:16] == b"IHDR":
         return ("PNG", *struct.unpack_from(">II", content, 16))
     if content.startswith((b"GIF87a", b"GIF89a")):
         return ("GIF", *struct.unpack_from("<HH", content, 6))

@@ -18,7 +18,7 @@ from urdfcal.base.native import native_stderr
 from urdfcal.output.view.collada import scan_collada
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import is_at_home, package_of, resolve_uri
-from urdfcal.vision.picture_header import KINDS, stated_size
+from urdfcal.vision.picture_header import KINDS, is_too_short, stated_size
 from urdfcal.vision.pictures import decoded
 
 MOST_OF_A_MESH = 40_000_000  # bytes of one file
@@ -140,6 +140,8 @@ class MeshFiles:
         kind, width, height = stated
         if not 0 < width * height <= MOST_PIXELS:
             raise RobotError(f"{name} has {width} x {height} pixels, the most is {MOST_PIXELS} in all")
+        if is_too_short(content):
+            raise RobotError(f"{name} has too few bytes for the {width} x {height} pixels that it states")
         if self._pixels + width * height > MOST_PIXELS_TOGETHER:
             raise RobotError(f"with {name} the robot's textures have more than {MOST_PIXELS_TOGETHER} pixels")
         with native_stderr():  # of libraries that read pictures
