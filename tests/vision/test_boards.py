@@ -8,18 +8,26 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from tests.conftest import CliResult
 from tests.support.flat_boards import board_camera, facing, rendered, true_pixels
+from tests.support.paths import ROBOTS_DIR, SHARED_DATA
 from urdfcal.base.errors import UsageError
 from urdfcal.calibration.rig_file import read_rig_file
+from urdfcal.robot.robot import load_robot
 from urdfcal.vision.camera.board_search import BoardSeen, find_boards
+from urdfcal.vision.camera.boards import BoardView, Chessboard
 from urdfcal.vision.camera.camera_file import camera_yaml
+from urdfcal.vision.camera.lens import calibrate_lens
 from urdfcal.vision.camera.sought import parse_board, parse_boards
+from urdfcal.vision.pictures import read_grey
 
 RunCli = Callable[..., CliResult]
 CAMERA = board_camera()
+UR5 = ROBOTS_DIR / "ur5" / "ur5.urdf.xacro"
+PHOTOGRAPHS = SHARED_DATA / "opencv_chessboard"
 SPECS = {
     "9x6:25mm": 0.42,
     "charuco:7x5:40mm:30mm": 0.45,
@@ -124,6 +132,24 @@ def test_two_boards_are_told_apart_by_their_ids(tmp_path: Path, run_cli: RunCli,
     assert len(list(Path("seen").iterdir())) == 2
 
 
+@pytest.mark.skipif(not PHOTOGRAPHS.is_dir(), reason="the photographs are not there")
+def test_photographs_beside_opencv() -> None:
+    """On OpenCV's own views every corner is within a pixel of its detector's, and off the board's pose by less than its reference."""
+    files = [PHOTOGRAPHS / f"left{number:02d}.jpg" for number in (1, 2, 4, 8)]
+    pictures = [read_grey(path) for path in files]
+    board = Chessboard(9, 6, 0.025)
+    views = [view for path in files if isinstance(view := board.find(read_grey(path), path.name), BoardView)]
+    camera = calibrate_lens(views, (640, 480), "plain").camera
+    for picture in pictures:
+        (seen,) = find_boards(picture, camera, [parse_board("9x6:25mm")])
+        assert isinstance(seen, BoardSeen), seen
+        _, corners = cv2.findChessboardCorners(picture, (9, 6))
+        apart = np.linalg.norm(seen.pixels[:, None] - corners.reshape(1, -1, 2), axis=2).min(axis=1)
+        assert len(seen.corners) == 54
+        assert apart.max() < 1.5
+        assert seen.rms < 0.409
+
+
 WRONG = {
     "apriltag:36h11:6x4": "no board of this description",
     "apriltag:36h12:6x4:30mm": "no apriltag dictionary '36h12'; did you mean '36h11'?",
@@ -145,3 +171,43 @@ def test_boards_that_share_ids_are_refused() -> None:
     """The line says with which id the other could begin."""
     with pytest.raises(UsageError, match="share ids; let one begin elsewhere, such as @17"):
         parse_boards(("a=charuco:7x5:40mm:30mm", "b=charuco:7x5:40mm:30mm"), None)
+
+
+@pytest.mark.slow
+def test_pictures_of_a_wrist_camera_calibrate_the_arm(tmp_path: Path, run_cli: RunCli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A UR5 with wrong joint zeros and a camera on its wrist: from rendered pictures of a board the zeros come back as their sigmas say."""
+    monkeypatch.chdir(tmp_path)
+    robot, sought, rng = load_robot(UR5), parse_board("charuco:7x5:40mm:30mm"), np.random.default_rng(0)
+    model, data = robot.model, robot.model.createData()
+    tool, names = model.getFrameId("tool0"), [name for name in model.names[1:] if name.endswith("_joint")]
+    zeros = {name: rng.normal(0, 0.01) for name in names[1:-1]}
+    wrong = np.array([zeros.get(name, 0.0) for name in names])
+
+    def placed(q: np.ndarray) -> pin.SE3:
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[tool].copy()
+
+    home, T_tool_camera = (
+        np.array([0.3, -1.3, 1.6, -1.8, -1.4, 0.2]),
+        pin.SE3(pin.exp3(np.array([0.1, -0.05, 0.2])), np.array([0.03, 0.05, 0.04])),
+    )
+    T_base_board = placed(home) * T_tool_camera * facing(sought, 0.5, 10, 40)
+    rows = []
+    while len(rows) < 30:
+        q = home + rng.uniform(-1, 1, 6) * [0.3, 0.25, 0.3, 0.5, 0.5, 0.9]
+        T = (placed(q + wrong) * T_tool_camera).actInv(T_base_board)
+        pixels = true_pixels(CAMERA, sought, T)
+        if T.translation[2] > 0.25 and ((pixels > 5) & (pixels < np.array(CAMERA.size) - 5)).all(axis=1).mean() > 0.8:
+            cv2.imwrite(f"p{len(rows):02d}.png", rendered(CAMERA, [(sought, T)], rng, blur=0.6, rays=2))
+            rows.append([f"p{len(rows):02d}.png", *map(repr, q.tolist())])
+    Path("poses.csv").write_text("\n".join(",".join(row) for row in [["image", *names], *rows]))
+    Path("camera.yaml").write_bytes(camera_yaml(CAMERA, {}))
+    words = ("--board", "base_link=charuco:7x5:40mm:30mm", "--camera", "camera.yaml", "--camera-link", "tool0")
+    assert run_cli("boards", "p*.png", *words, "--poses", "poses.csv", "-o", "m.csv").code == 0
+    options = ("--camera", "camera.yaml", "--rig", "m_rig.yaml", "--error-model", "offset", "-o", "out.urdf", "--json")
+    done = run_cli("fit", UR5, "m.csv", *options)
+    assert done.code == 0, done.err
+    estimated = {entry["name"]: entry for entry in json.loads(done.out)["parameters"]}
+    off = np.array([(estimated[f"{name}.d_theta"]["value"] - zero) / estimated[f"{name}.d_theta"]["sigma"] for name, zero in zeros.items()])
+    assert np.abs(off).max() < 3.5
+    assert max(estimated[f"{name}.d_theta"]["sigma"] for name in zeros) < 2e-3
