@@ -53,7 +53,7 @@ Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 
 
 _ROUNDING = 0.01 * DEG  # of angles that were typed into a URDF
-_BOARD = re.compile(r"(\d+)x(\d+):(\d+\.?\d*)(mm|m)")
+_BOARD = re.compile(r"(\d+)x(\d+):(\d+\.?\d*)(mm|m)(?::(\d+\.?\d*)(mm|m))?")
 
 
 class _Strict(BaseModel):
@@ -213,7 +213,12 @@ def parse_grid(text: str) -> Grid:
     match = _BOARD.fullmatch(text.replace(" ", ""))
     if match is None or min(int(match[1]), int(match[2])) < 2 or not float(match[3]) > 0:
         raise ValueError(f"'{text}' is not a board; expected inner corners and the side of a square, such as 9x6:25mm")
-    return Grid(int(match[1]), int(match[2]), float(match[3]) * (MM if match[4] == "mm" else 1.0))
+    if match[5] and (int(match[1]) % 2 or int(match[2]) % 2):
+        raise ValueError(
+            f"'{text}' is not a board; with a gap, squares have corners of their own: expected even numbers such as 12x8:30mm:9mm"
+        )
+    square, gap = (float(length or 0) * (MM if unit == "mm" else 1.0) for length, unit in (match.group(3, 4), match.group(5, 6)))
+    return Grid(int(match[1]), int(match[2]), square, gap if match[5] else None)
 
 
 def read_rig_file(path: str | Path) -> RigFile:

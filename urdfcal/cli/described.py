@@ -62,6 +62,11 @@ COMMANDS = {
         "urdfcal camera views/ --screen screen.png --markers screen.yaml -o camera.yaml",
         LASERS,
     ),
+    "boards": Described(
+        "Find calibration boards in pictures.",
+        "urdfcal boards pictures/ --board 9x6:25mm --camera camera.yaml -o corners.csv",
+        LASERS,
+    ),
     "markers": Described("Make the sheet of markers to print.", "urdfcal markers screen.yaml -o sheet.pdf", LASERS),
     "spots": Described("Find laser spots in pictures.", "urdfcal spots pictures/ --camera camera.yaml -o spots.csv", LASERS),
     "render": Described(

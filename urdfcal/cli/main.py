@@ -16,6 +16,7 @@ from urdfcal.base import opened
 from urdfcal.base.errors import FitRejected, UrdfcalError
 from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
+from urdfcal.cli.boards_command import boards
 from urdfcal.cli.camera_command import camera, markers
 from urdfcal.cli.compare_command import compare
 from urdfcal.cli.console import asked_quiet, fitting
@@ -51,7 +52,7 @@ app = typer.Typer(
 
 _LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, rig, simulate)
 _RESULTS: tuple[Any, ...] = (apply, correct, import_, compare, paper, view)
-for _command in (*_LOOKING, *_RESULTS, camera, markers, spots, render, module):
+for _command in (*_LOOKING, *_RESULTS, camera, boards, markers, spots, render, module):
     _name = _command.__name__.removesuffix("_")  # `import` is a word of Python's own
     app.command(_name, cls=SimulateCommand if _command is simulate else OurCommand, **described(_name))(_command)
 

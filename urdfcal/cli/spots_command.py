@@ -117,7 +117,7 @@ def spots(
     table = read_table(poses, "a column a joint", "one row a pose") if poses else None
     groups = by_pose(files, images, frames, known_labels(table) if table else ())  # type: ignore[arg-type]
     if debug is not None:
-        _require_debug(debug, images, files, list(drawing_places(groups, debug).values()), (output, camera, poses, robot, dark))
+        require_debug(debug, images, files, list(drawing_places(groups, debug).values()), (output, camera, poses, robot, dark))
     rows, by_order = joined(groups, table) if table else ([], "")
     view = read_camera(camera) if camera else None
     if view is not None:
@@ -193,7 +193,7 @@ def _nowhere() -> Any:
     return np.zeros((1, 2))
 
 
-def _require_debug(debug: Path, images: list[Path], files: list[Path], drawings: list[Path], others: tuple[Path | None, ...]) -> None:
+def require_debug(debug: Path, images: list[Path], files: list[Path], drawings: list[Path], others: tuple[Path | None, ...]) -> None:
     """Refuse a folder for drawings that cannot be new, and one where a drawing would fall on another file or be taken for a picture."""
     from urdfcal.base.whole_files import require_new_folder
 

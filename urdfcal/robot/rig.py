@@ -49,25 +49,35 @@ class Target:
 
 @dataclass(frozen=True)
 class Grid:
-    """The inner corners of a chessboard, numbered row by row from the first one; x along a row, y down the columns.
+    """The corners of a board, numbered row by row from the first one; x along a row, y down the columns.
 
     Attributes:
         columns: Corners in a row.
         rows: Rows of them.
         square: Side of a square, [m].
+        gap: Where squares stand apart, as tags do, how far, [m]; None where they touch, as on a chessboard.
     """
 
     columns: int
     rows: int
     square: float
+    gap: float | None = None
 
     def at(self, corner: int) -> tuple[float, float, float]:
         """Where a corner is on the board, [m]."""
         row, column = divmod(corner, self.columns)
-        return column * self.square, row * self.square, 0.0
+        return self._along(column), self._along(row), 0.0
+
+    def _along(self, count: int) -> float:
+        """How far a row or column is from the first; with a gap, each second step crosses it."""
+        if self.gap is None:
+            return count * self.square
+        tags, odd = divmod(count, 2)
+        return tags * (self.square + self.gap) + odd * self.square
 
     def __str__(self) -> str:
-        return f"{self.columns}x{self.rows}:{self.square * 1e3:g}mm"
+        gap = "" if self.gap is None else f":{self.gap * 1e3:g}mm"
+        return f"{self.columns}x{self.rows}:{self.square * 1e3:g}mm{gap}"
 
     def points(self) -> Matrix:
         """All corners in the axes of the board, (corners, 3), [m]."""

@@ -17,9 +17,10 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError, did_you_mean
-from urdfcal.base.geometry import MM, Array3, Matrix
+from urdfcal.base.geometry import MM, Array3, Matrix, Vector
 from urdfcal.vision.camera.markers import aruco_dictionary, dictionary_names
 from urdfcal.vision.pictures import Grey
 
@@ -183,9 +184,30 @@ class CharucoBoard:
             return BoardView(name, np.empty((0, 3)), np.empty((0, 2)))
         return BoardView(name, np.asarray(board.getChessboardCorners(), dtype=float)[ids.ravel()], corners.reshape(-1, 2).astype(float))
 
-    def opencv_board(self, legacy: bool = False) -> Any:
+    def numbered(self, picture: Grey, first: int = 0) -> tuple[npt.NDArray[np.intp], Matrix]:
+        """Numbers (n,) and pixels (n, 2) of the corners that are seen, the board's first marker having the id `first`."""
+        found = [cv2.aruco.CharucoDetector(board).detectBoard(picture)[:2] for board in self._patterns(first)]
+        corners, ids = max(found, key=lambda pair: 0 if pair[1] is None else len(pair[1]))
+        if ids is None:
+            return np.empty(0, dtype=np.intp), np.empty((0, 2))
+        return np.asarray(ids, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
+
+    def is_legacy(self, picture: Grey, first: int = 0) -> bool:
+        """Whether a picture shows the pattern as OpenCV drew it before version 4.6: more of its corners are seen that way."""
+        counts = [len(np.ravel(ids)) if ids is not None else 0 for ids in self._ids(picture, first)]
+        return len(counts) > 1 and counts[1] > counts[0]
+
+    def _ids(self, picture: Grey, first: int) -> list[Any]:
+        return [cv2.aruco.CharucoDetector(board).detectBoard(picture)[1] for board in self._patterns(first)]
+
+    def _patterns(self, first: int) -> list[Any]:
+        """As OpenCV draws the board, and as it did before version 4.6 where the number of rows is even."""
+        return [self.opencv_board(legacy, first) for legacy in ((False,) if self.rows % 2 else (False, True))]
+
+    def opencv_board(self, legacy: bool = False, first: int = 0) -> Any:
         """OpenCV's own object."""
-        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, aruco_dictionary(self.dictionary))
+        ids = np.arange(first, first + self.columns * self.rows // 2)
+        board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, aruco_dictionary(self.dictionary), ids)
         board.setLegacyPattern(legacy)
         return board
 
@@ -198,7 +220,12 @@ def refined(picture: Grey, grid: Array3) -> Array3:
     shifts = [(down, right) for down in range(3) for right in range(3) if (down, right) != (1, 1)]
     nearest = np.min([np.linalg.norm(padded[down : down + rows, right : right + columns] - grid, axis=2) for down, right in shifts], axis=0)
     windows = np.clip((_WINDOW * nearest).astype(int), _LEAST_WINDOW_PX, _MOST_WINDOW_PX)
-    corners = grid.astype(np.float32)
+    return settled_corners(picture, grid.reshape(-1, 2), windows.ravel()).reshape(grid.shape)
+
+
+def settled_corners(picture: Grey, pixels: Matrix, windows: Vector) -> Matrix:
+    """Corners (n, 2) to a fraction of a pixel, each in a window of so many pixels, (n,), to either side."""
+    corners = pixels.astype(np.float32)
     for window in np.unique(windows):
         chosen = windows == window
         corners[chosen] = cv2.cornerSubPix(picture, corners[chosen].reshape(-1, 1, 2), (int(window), int(window)), (-1, -1), _SETTLED)[:, 0]
@@ -226,7 +253,7 @@ def parse_chessboard(text: str, option: str = "--board") -> Chessboard:
         raise UsageError(f"{option} {text}: expected COLUMNSxROWS:SQUARE such as 9x6:25mm, counting inner corners")
     columns, rows, square, unit = match.groups()
     _require_counts(option, text, int(columns), int(rows), LEAST_CORNERS)
-    return Chessboard(int(columns), int(rows), _length(option, text, square, unit))
+    return Chessboard(int(columns), int(rows), length_of(option, text, square, unit))
 
 
 def parse_charuco(text: str, option: str = "--charuco") -> CharucoBoard:
@@ -245,7 +272,7 @@ def parse_charuco(text: str, option: str = "--charuco") -> CharucoBoard:
     name, names = dictionary or "DICT_4X4_50", dictionary_names()
     if name not in names:
         raise UsageError(f"{option} {text}: no dictionary '{name}'{did_you_mean(name, names)}")
-    sides = _length(option, text, square, square_unit), _length(option, text, marker, marker_unit)
+    sides = length_of(option, text, square, square_unit), length_of(option, text, marker, marker_unit)
     if not sides[1] < sides[0]:
         raise UsageError(f"{option} {text}: a marker is smaller than its square; expected SQUARE before MARKER")
     if int(columns) * int(rows) // 2 > len(aruco_dictionary(name).bytesList):
@@ -258,7 +285,12 @@ def _require_counts(option: str, text: str, columns: int, rows: int, least: int)
         raise UsageError(f"{option} {text}: expected {least} to {_MOST_CORNERS} columns and rows")
 
 
-def _length(option: str, text: str, number: str, unit: str) -> float:
+def length_of(option: str, text: str, number: str, unit: str) -> float:
+    """A length of a description, [m].
+
+    Raises:
+        UsageError: no board has such a one.
+    """
     millimetres = float(number) * _UNITS[unit]
     if not 0.01 <= millimetres <= 1e4:
         raise UsageError(f"{option} {text}: a length of {millimetres:g} mm, expected 0.01 to 10000 mm")

@@ -100,14 +100,23 @@ def spots_csv(
         rows: The table's row of each pose.
         comments: Lines for the head of the file.
     """
-    columns: dict[str, Sequence[str | float]] = {"pose": _poses(labels, table, rows)}
-    if table is not None:
-        columns |= _copied(table, rows)
+    columns: dict[str, Sequence[str | float]] = {**pose_columns(labels, table, rows)}
     for laser in lasers:
         seen = [found.get(laser) for found in spots]
         columns |= _in_metres(laser, seen, camera) if camera else {}
         columns |= _in_pixels(laser, seen) if pixels else {}
     return csv_text(list(columns), zip(*columns.values(), strict=True), comments)
+
+
+def pose_columns(labels: Sequence[str], table: Table | None, rows: Sequence[int]) -> dict[str, list[str]]:
+    """What is known of the poses before pictures are looked at: their names and the table's own columns.
+
+    Args:
+        labels: Label of each pose; the table's own goes before it.
+        table: The poses; None for none.
+        rows: The table's row of each pose.
+    """
+    return {"pose": _poses(labels, table, rows), **({} if table is None else _copied(table, rows))}
 
 
 def _poses(labels: Sequence[str], table: Table | None, rows: Sequence[int]) -> list[str]:

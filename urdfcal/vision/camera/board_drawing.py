@@ -1,0 +1,39 @@
+"""A picture with the boards that were found in it drawn on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from urdfcal.vision.camera.board_search import BoardSeen
+from urdfcal.vision.camera.sought import Sought
+from urdfcal.vision.pictures import Grey
+
+_FOUND, _FAILED = (60, 255, 60), (0, 200, 255)
+_SHIFT = 4  # bits behind the point of OpenCV's coordinates
+
+
+def drawn_boards(picture: Grey, boards: Sequence[Sought], seen: Sequence[BoardSeen | str]) -> bytes:
+    """A JPEG: a ring and its number at each corner, and why a board was not found."""
+    image = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+    lines = 0
+    for sought, view in zip(boards, seen, strict=True):
+        if isinstance(view, BoardSeen):
+            _draw(image, view)
+            text, colour = f"{sought.link}: {len(view.corners)} corners, RMS {view.rms:.2f} px", _FOUND
+        else:
+            text, colour = f"{sought.link}: {view}", _FAILED
+        lines += 1
+        cv2.putText(image, text, (6, 16 * lines), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 3, cv2.LINE_AA)
+        cv2.putText(image, text, (6, 16 * lines), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1])
+
+
+def _draw(image: np.ndarray, view: BoardSeen) -> None:
+    for corner, pixel in zip(view.corners, view.pixels, strict=True):
+        u, v = (round(float(x) * 2**_SHIFT) for x in pixel)
+        cv2.circle(image, (u, v), 4 << _SHIFT, _FOUND, 1, cv2.LINE_AA, _SHIFT)
+        at = (round(float(pixel[0])) + 5, round(float(pixel[1])) - 3)
+        cv2.putText(image, str(int(corner)), at, cv2.FONT_HERSHEY_SIMPLEX, 0.3, _FOUND, 1, cv2.LINE_AA)
