@@ -27,7 +27,7 @@ def picture_content(path: str | Path) -> npt.NDArray[np.uint8]:
     if width * height > MOST_PIXELS:
         raise InputError(f"is {width} x {height} px, expected at most {MOST_PIXELS // 1_000_000} Mpx; cut or scale it down", path)
     if is_too_short(content):
-        raise InputError(f"has too few bytes for the {width} x {height} px that it states; the file is not whole", path)
+        raise InputError(f"is not readable as a picture: it has too few bytes for the {width} x {height} px that it states", path)
     return np.frombuffer(content, dtype=np.uint8)
 
 
