@@ -180,3 +180,35 @@ def test_stated_errors_are_the_truth(robots: dict[str, Robot]) -> None:
         urdfcal.simulate(robots["arm7"], 2, errors={"joint1.a": 0.01}, error_model="dh")
     with pytest.raises(UsageError, match="one pose or more"):
         urdfcal.simulate(robots["arm7"], 0)
+
+
+CALLS: dict[str, Callable[[Any, Any], Any]] = {
+    "fit": urdfcal.fit,
+    "check": urdfcal.check,
+    "read_measurements": lambda robot, data: urdfcal.read_measurements(data, robot),
+    "measurements_from": urdfcal.measurements_from,
+    "simulate": lambda robot, data: urdfcal.simulate(robot),
+    "plan_poses": lambda robot, data: urdfcal.plan_poses(robot),
+    "OnlineCalibrator": lambda robot, data: urdfcal.OnlineCalibrator(robot),
+}
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_a_path_in_place_of_a_robot_is_refused(call: str) -> None:
+    """Every call that takes a robot says by its name that it does, before anything fails in it."""
+    with pytest.raises(UsageError, match=f"^{call}: expected a Robot, as load_robot gives it, found str$"):
+        CALLS[call]("arm7.urdf", "measurements.csv")
+
+
+def test_one_sensor_needs_no_list(robots: dict[str, Robot], simulation: urdfcal.Simulation) -> None:
+    """A single sensor by its words is the list of it."""
+    alone = urdfcal.simulate(robots["ur5"], 12, sensors="pose:tool0", test_poses=3, seed=4)
+    assert np.array_equal(alone.measurements.q, simulation.measurements.q)
+    assert alone.measurements.summary == simulation.measurements.summary
+
+
+@pytest.mark.parametrize("call", [urdfcal.fit, urdfcal.check])
+def test_a_table_in_place_of_measurements_is_refused(robots: dict[str, Robot], call: Callable[[Any, Any], Any]) -> None:
+    """What measurements_from takes is not yet measurements."""
+    with pytest.raises(UsageError, match="expected Measurements, as read_measurements gives them, found dict"):
+        call(robots["ur5"], {"tool0.x": [1.0]})

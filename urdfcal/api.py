@@ -226,8 +226,19 @@ class Calibration(FitResult, Applicable):
         return found
 
     def write_urdf(self, path: str | Path) -> None:
-        """Write the calibrated URDF, whole or not at all."""
-        write_whole(path, self.urdf())
+        """Write the calibrated URDF, whole or not at all.
+
+        Raises:
+            UsageError: the file cannot be written, or is the robot that was calibrated.
+        """
+        write_whole(self._apart(path), self.urdf())
+
+    def _apart(self, path: str | Path) -> str | Path:
+        """A file to write to, which must not be one that the robot was read from: the next fit would begin from what is lost."""
+        read = self.robot.description
+        if any(Path(path).resolve() == Path(source).resolve() for source in (read.path, *read.included)):
+            raise UsageError(f"{path}: is the robot that was calibrated; name another file")
+        return path
 
     def show(self, magnify: float | None = None) -> View:
         """Robot, beams and fitted spots before and after, to look at: at the end of a notebook's cell, or by `serve()` in a browser."""
@@ -247,8 +258,12 @@ class Calibration(FitResult, Applicable):
         return camera
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
-        """Write the calibration as YAML: origins, parameters, combinations, provenance."""
-        write_whole(path, self.record(command))
+        """Write the calibration as YAML: origins, parameters, combinations, provenance.
+
+        Raises:
+            UsageError: the file cannot be written, or is the robot that was calibrated.
+        """
+        write_whole(self._apart(path), self.record(command))
 
     def record(self, command: Sequence[str] = (), files: Mapping[str, str] | None = None) -> bytes:
         """The calibration as YAML; with the hashes of the files that are written with it, by their ways from its folder."""

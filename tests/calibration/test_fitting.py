@@ -180,6 +180,9 @@ def test_a_corrected_model_is_the_calibrated_urdf(robots: dict[str, Robot], rng:
     corrected = found.apply_to(robot.model)
     path = tmp_path / "panda_calibrated.urdf"  # type: ignore[operator]
     found.write_urdf(path)
+    for write in (found.write_urdf, found.write):
+        with pytest.raises(UsageError, match="is the robot that was calibrated; name another file"):
+            write(robot.description.path)
     written = pin.buildModelFromUrdf(str(path))
     q = pin.randomConfiguration(written)
     frames = []

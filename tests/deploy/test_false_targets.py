@@ -112,3 +112,9 @@ def test_from_python(robots: dict[str, Robot], rng: np.random.Generator) -> None
         calibration.false_targets(q[:, :3])
     with pytest.raises(UsageError, match="near names positions"):
         calibration.false_targets(way.placements(q))
+    assert repr(joints).startswith(f"<FalseTargets: 5, of which {joints.reached.whole.sum()} are reached; the real tool is ")
+    assert f"{joints.before_mm.mean():.3g} mm off" in repr(joints)
+    with pytest.raises(UsageError, match="row 1 holds what is no finite number"):
+        calibration.false_targets(np.where(np.arange(5)[:, None] == 1, np.nan, q))
+    with pytest.raises(UsageError, match="row 0 is no placement; expected a rotation"):
+        calibration.false_targets(way.placements(q).transpose(0, 2, 1), near=q)

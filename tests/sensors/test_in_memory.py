@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from tests.support.sensor_cases import CASES, NOISE, robot_named, setup_of
 from urdfcal.base.errors import MeasurementError, ShapeMismatch, UsageError
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, load_robot
 from urdfcal.sensors.in_memory import measurements_from
 from urdfcal.sensors.joined import joined
 from urdfcal.sensors.measurements import Measurements, spots_measured
@@ -98,7 +99,9 @@ def test_pandas_is_read(robots: dict[str, Robot], tmp_path: Path) -> None:
     ("readings", "error", "message"),
     [
         ({"tool0.point": np.zeros((3, 4))}, ShapeMismatch, r"measurements: 'tool0.point' has shape \(3, 4\), expected \(n, 3\)"),
-        ({"tool0.pose": np.zeros((3, 6))}, MeasurementError, r"measurements: column 'tool0\.qw': is missing"),
+        ({"tool0.pose": np.zeros((3, 6))}, ShapeMismatch, r"'tool0.pose' has shape \(3, 6\), expected \(n, 7\) or \(n, 4, 4\)"),
+        ({"tool0.pose": np.zeros((3, 4, 4))}, MeasurementError, r"measurements:1: 'tool0.pose': is no placement; expected a rotation"),
+        ({"tool0.foo": np.zeros((3, 3))}, ShapeMismatch, r"'tool0.foo' has shape \(3, 3\), expected .* ends in one of .*\.point.*\.pose"),
         ({"tool0.point": np.zeros((2, 3))}, ShapeMismatch, r"measurements: q has shape \(3, 6\), expected \(2, 6\)"),
         ({"tool0.point": np.zeros((3, 3)), "tool0.distance": [1.0]}, ShapeMismatch, r"column 'tool0\.distance' has 1 rows, expected 3"),
         ({"tool0.point": np.zeros((3, 3)), "tool0.x": np.zeros(3)}, UsageError, r"column 'tool0\.x' is given twice"),
@@ -112,6 +115,23 @@ def test_what_does_not_fit_is_named(robots: dict[str, Robot], readings: Any, err
     """Shapes, names and cells that mean nothing are refused in one line, with the row and the column; rows are counted from 1."""
     with pytest.raises(error, match=message):
         measurements_from(robots["ur5"], np.zeros((3, 6)), readings)
+
+
+def test_a_link_that_is_not_there_is_named_on_a_bare_arm(example_robots: Path) -> None:
+    """Arrays of a target whose link has another name are refused as a table of it is: by the link, not for want of lasers."""
+    robot = load_robot(example_robots / "ur_description/urdf/ur5_robot.urdf")
+    with pytest.raises(MeasurementError, match=r"column 'tool_0\.x': no link named 'tool_0' .* did you mean 'tool0'"):
+        measurements_from(robot, np.zeros((3, 6)), {"tool_0.point": np.zeros((3, 3))})
+
+
+def test_a_transposed_placement_is_refused_by_its_row(robots: dict[str, Robot]) -> None:
+    """A matrix whose translation stands in the last row is no placement; one that was rounded to four digits is."""
+    T = np.tile(pin.exp6(np.array([0.3, -0.2, 0.5, 0.4, 1.1, -0.7])).homogeneous, (3, 1, 1))
+    read = measurements_from(robots["ur5"], np.zeros((3, 6)), {"tool0.pose": T.round(4)})
+    np.testing.assert_allclose(read.readings[0].values[:, :3], T[:, :3, 3], atol=1e-4)
+    T[2] = T[2].T
+    with pytest.raises(MeasurementError, match=r"measurements:3: 'tool0\.pose': is no placement"):
+        measurements_from(robots["ur5"], np.zeros((3, 6)), {"tool0.pose": T})
 
 
 def test_a_table_holds_the_readings_too(robots: dict[str, Robot]) -> None:

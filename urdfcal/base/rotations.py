@@ -4,7 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+
+NOT_RIGID = "is no placement; expected a rotation matrix in the upper left, the translation beside it, and the last row 0, 0, 0, 1"
+_RIGID = 0.01  # of R'R from the identity: three digits are enough, another matrix is not
+
+
+def rigid(T: Array3) -> Mask:
+    """Which matrices are placements, (n, 4, 4) -> (n,): a rotation, a translation, and the row 0, 0, 0, 1; nan is none."""
+    R = T[:, :3, :3]
+    apart = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    below = np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0)
+    found: Mask = (apart < _RIGID) & (below < _RIGID) & (np.linalg.det(R) > 0) & np.isfinite(T).all(axis=(1, 2))
+    return found
 
 
 def quaternions_of(angles: Matrix) -> Matrix:

@@ -53,6 +53,7 @@ from urdfcal.sensors.measurements import (
     fit_and_test,
     fitted_poses_warning,
     placed_by_session,
+    require_measured,
     require_screen_of_camera,
 )
 from urdfcal.sensors.registry import noun
@@ -192,10 +193,7 @@ def _require_types(robot: Any, data: Any, priors: Mapping[Any, Any] | None) -> N
     Raises:
         UsageError: says what was expected.
     """
-    if not isinstance(robot, Robot):
-        raise UsageError(f"fit: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
-    if not isinstance(data, Measurements):
-        raise UsageError(f"fit: expected Measurements, as read_measurements gives them, found {type(data).__name__}")
+    require_measured(robot, data, "fit")
     for group, scale in (priors or {}).items():
         if group not in get_args(Kind):
             raise UsageError(f"priors: {no_such('group', str(group), get_args(Kind))}")

@@ -88,6 +88,7 @@ def apply(
     places = {name: str(place) for name, place in plan.places.items()}
     finish(
         {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(told(files))} with {len(origins)} corrected origins" + (expanded_note(arm) if "urdf" in plan.places else ""),
+        f"wrote {listed(told(files))} with {len(origins)} corrected {'origin' if len(origins) == 1 else 'origins'}"
+        + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

@@ -102,7 +102,8 @@ def import_(
     mm, mrad = (max(each[part] for each in far) for part in (0, 1))
     finish(
         {"calibration": str(place), "joints": list(corrections), "most_mm": mm, "most_mrad": mrad} if as_json else None,
-        f"wrote {told([place])[0]} with {len(corrections)} origins, up to {rounded(mm, 3)} mm and {rounded(mrad, 3)} mrad from nominal",
+        f"wrote {told([place])[0]} with {len(corrections)} {'origin' if len(corrections) == 1 else 'origins'}, "
+        f"up to {rounded(mm, 3)} mm and {rounded(mrad, 3)} mrad from nominal",
         quiet,
     )
 

@@ -219,7 +219,7 @@ def _turn(option: str, text: str | None) -> Any:
 
 def _where(piece: Piece) -> str:
     """`on tool0 at 50, 0, 20 mm: its beams leave ...`."""
-    at = ", ".join(f"{value * 1e3 + 0.0:.6g}" for value in piece.placement.translation.round(9))
+    at = ", ".join(f"{value * 1e3 + 0.0:.9g}" for value in piece.placement.translation.round(9))
     return f"on {piece.parent} at {at} mm: {piece.words}"
 
 

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
-from urdfcal.base.rotations import rotation_vectors
+from urdfcal.base.rotations import NOT_RIGID, rigid, rotation_vectors
 from urdfcal.calibration.analysis.compensation import Compensation
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.way import Way
@@ -62,7 +63,7 @@ class Reached:
         return (self.left_mm <= LEFT_MM) & (self.left_deg <= LEFT_DEG)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FalseTargets:
     """What a controller is to be told.
 
@@ -80,6 +81,14 @@ class FalseTargets:
     reached: Reached
     before_mm: Vector
     before_deg: Vector
+
+    def __repr__(self) -> str:
+        if not len(self.before_mm):
+            return "<FalseTargets: none>"
+        return (
+            f"<FalseTargets: {len(self.before_mm)}, of which {int(self.reached.whole.sum())} are reached; the real tool is "
+            f"{self.before_mm.mean():.3g} mm off on average at the wanted ones, {self.reached.left_mm.mean():.3g} mm at these>"
+        )
 
 
 def false_joints(nominal: Way, real: Placements, q: Matrix) -> FalseTargets:
@@ -113,15 +122,19 @@ def asked_for(
     Raises:
         RobotError: no such link, or no joint moves the one in the other.
         ShapeMismatch: the numbers are neither positions nor placements.
-        UsageError: nothing says in which configuration placements are reached, or the nominal robot does not reach them.
+        UsageError: one is not a number, or no placement; nothing says in which configuration placements are reached, or the nominal
+            robot does not reach them.
     """
     way, there = Way.between(nominal, tool, base), Way.between(real, tool, base).placements
+    if wanted.ndim and len(wanted):
+        _refuse_first(~np.isfinite(wanted.reshape(len(wanted), -1)).all(axis=1), "holds what is no finite number; leave it out")
     if wanted.ndim == 2 and wanted.shape[1] == len(way.names):
         return false_joints(way, there, wanted)
     if wanted.ndim != 3 or wanted.shape[1:] != (4, 4):
         raise ShapeMismatch(
             f"wanted: expected (n, {len(way.names)}) positions of {', '.join(way.names)}, or (n, 4, 4), found {wanted.shape}"
         )
+    _refuse_first(~rigid(wanted), NOT_RIGID)
     if near is None:
         raise UsageError("placements are reached in several configurations; near names positions of the joints, (k,) or (n, k)")
     reached = solved(way, wanted, np.broadcast_to(np.asarray(near, dtype=float), (len(wanted), len(way.names))))
@@ -129,6 +142,11 @@ def asked_for(
         row = int(np.argmin(reached.whole))
         raise UsageError(f"the nominal robot does not reach placement {row}: {reached.left_mm[row]:.3f} mm are left over")
     return false_placements(way, there, wanted, reached.q)
+
+
+def _refuse_first(bad: Any, why: str) -> None:
+    if bad.any():
+        raise UsageError(f"wanted: row {int(bad.argmax())} {why}")
 
 
 def _false(nominal: Way, real: Placements, wanted: Array3, q: Matrix) -> FalseTargets:

@@ -18,7 +18,7 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
-from urdfcal.robot.robot import Robot, with_text
+from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.measurements import Measurements
@@ -203,8 +203,7 @@ class StoredCalibration(Applicable):
         """
         from urdfcal.output.view.viewer import view_of
 
-        if not isinstance(robot, Robot):
-            raise UsageError(f"show: expected a Robot, as load_robot gives it, found {type(robot).__name__}")
+        require_robot(robot, "show")
         return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
 
 

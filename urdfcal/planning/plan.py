@@ -23,7 +23,7 @@ from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.planning.selection import expected, greedy
 from urdfcal.robot.configurations import joint_limits, require_room
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings
 from urdfcal.sensors.readings import Readings, blank_readings
@@ -129,6 +129,7 @@ def plan_poses(
         RobotError: the tool is not a link that the calibrated joints move.
     """
     rng = np.random.default_rng(seed) if rng is None else rng
+    require_robot(robot, "plan_poses")
     named, lasers = parse_sensors(sensors, robot, 0)
     _require_no_touch(named)
     seen = seen_with(robot, named, reference or "", lasers) if named else robot

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from urdfcal.base.errors import RigError
+from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.robot.chain import Chain, build_chain
@@ -133,6 +133,16 @@ def load_robot(
         RobotError: the file is not a robot that can be loaded; says where and why.
     """
     return robot_from(read_description(path, xacro_args, package_dirs, xacro_limit), screen=screen, lasers=lasers or None)
+
+
+def require_robot(given: Any, call: str) -> None:
+    """Refuse what is given in place of a robot, before it fails somewhere deep.
+
+    Raises:
+        UsageError: says what was expected, and of which call.
+    """
+    if not isinstance(given, Robot):
+        raise UsageError(f"{call}: expected a Robot, as load_robot gives it, found {type(given).__name__}")
 
 
 def robot_from(description: Description, *, screen: str | None = None, lasers: Sequence[str] | None = None) -> Robot:

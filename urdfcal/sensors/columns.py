@@ -91,8 +91,14 @@ def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: 
 
 
 def seen_as(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid]) -> Robot:
-    """The robot as the readings in a table see it, whatever else the table holds."""
-    return _as_seen(robot, reading_columns(table.names, robot, _laser_candidates(table, robot)), reference, camera, boards)
+    """The robot as the readings in a table see it, whatever else the table holds.
+
+    Raises:
+        MeasurementError: none of its columns is a reading, as where a link has another name.
+    """
+    columns = reading_columns(table.names, robot, _laser_candidates(table, robot))
+    _refuse(table, robot, columns, ())
+    return _as_seen(robot, columns, reference, camera, boards)
 
 
 def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.errors import MeasurementError, ShapeMismatch, UsageError
 from urdfcal.base.geometry import Array3, Matrix
-from urdfcal.base.rotations import quaternions_of_vectors, rotation_vectors
+from urdfcal.base.rotations import NOT_RIGID, quaternions_of_vectors, rigid, rotation_vectors
 from urdfcal.base.tables import Table, table_in_memory
 from urdfcal.robot.rig import Grid
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.columns import seen_as
 from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.measurements_csv import ROWS, header_of, measurements_of, named_table
@@ -26,6 +26,7 @@ from urdfcal.sensors.registry import SENSORS
 Cells = Mapping[str, Sequence[str]]
 
 _LABEL = "measurements"  # what a table in memory is called in messages
+_POSE = 7  # numbers of a pose, which may be a matrix as well
 _NOTHING = ("", "nan", "none", "nat", "<na>")  # how programs write that there is nothing
 
 
@@ -73,6 +74,7 @@ def measurements_from(
         RigError: a link that is needed is not there, or not where it can be.
         UsageError: what is given is none of these.
     """
+    require_robot(robot, "measurements_from")
     beside = {"pose": poses, "set": sets, "session": sessions}
     if is_table(q):
         if readings is not None or sigma is not None:
@@ -149,17 +151,33 @@ def _by_ending(name: str, values: Any) -> Iterator[tuple[str, Sequence[str]]]:
     if array.ndim == 1 and (not sensors or len(endings) == 1):
         yield (name if not sensors else f"{target}.{endings[0]}"), _cells(array)
         return
-    array = _as_vectors(array) if array.shape[1:] == (4, 4) else array
-    if not sensors or array.ndim != 2 or array.shape[1] > len(endings):
-        expected = f"(n, {' or '.join(map(str, sorted({sensor.stored for sensor in sensors})))})" if sensors else "(n,)"
-        raise ShapeMismatch(f"{_LABEL}: '{name}' has shape {array.shape}, expected {expected}")
+    width = max(1, sum(sensor.stored for sensor in sensors))
+    array = _as_vectors(name, array) if array.shape[1:] == (4, 4) and width == _POSE else array
+    if not sensors or array.ndim != 2 or array.shape[1] != width:
+        raise ShapeMismatch(f"{_LABEL}: '{name}' has shape {np.shape(values)}, expected {_shape(width) if sensors else _kinds()}")
     yield from ((f"{target}.{ending}", _cells(column)) for ending, column in zip(endings, array.T, strict=False))
 
 
-def _as_vectors(T: Array3) -> Matrix:
-    """Matrices (n, 4, 4) as x, y, z and quaternion x, y, z, w, (n, 7); nan where any number of one is."""
+def _shape(width: int) -> str:
+    return f"(n, {width})" + (" or (n, 4, 4)" if width == _POSE else "")
+
+
+def _kinds() -> str:
+    """What an array of more than a column may stand under."""
+    words = dict.fromkeys(word for sensor in SENSORS.values() for word in (*sensor.simulated, sensor.name))
+    return f"(n,) of a column, or a name that ends in one of {', '.join(f'.{word}' for word in words)}"
+
+
+def _as_vectors(name: str, T: Array3) -> Matrix:
+    """Matrices (n, 4, 4) as x, y, z and quaternion x, y, z, w, (n, 7); nan where any number of one is.
+
+    Raises:
+        MeasurementError: one is no placement, as where it is transposed.
+    """
     T = T.astype(float)
     there = ~np.isnan(T).any(axis=(1, 2))
+    for row in np.flatnonzero(there & ~rigid(T)):
+        raise MeasurementError(f"'{name}': {NOT_RIGID}", _LABEL, int(row) + 1)
     vectors = np.full((len(T), 7), np.nan)
     vectors[there] = np.hstack([T[there, :3, 3], quaternions_of_vectors(rotation_vectors(T[there, :3, :3]))])
     return vectors

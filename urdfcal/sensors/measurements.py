@@ -15,7 +15,7 @@ from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
 from urdfcal.robot.rig import Grid, Instruments
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
 from urdfcal.sensors.registry import noun, start_sigma_of
 from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
@@ -357,6 +357,17 @@ def as_measured(robot: Robot, data: Measurements) -> Robot:
     """The robot with the instruments that some measurements were made with."""
     seen = data.instruments
     return robot.seen_by(seen, robot.lasers if data.lasers else ()) if seen.needed else robot
+
+
+def require_measured(robot: Any, data: Any, call: str) -> None:
+    """Refuse what is given in place of a robot and its measurements, as the two the other way round.
+
+    Raises:
+        UsageError: says what was expected, and of which call.
+    """
+    require_robot(robot, call)
+    if not isinstance(data, Measurements):
+        raise UsageError(f"{call}: expected Measurements, as read_measurements gives them, found {type(data).__name__}")
 
 
 def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[Measurements, Measurements | None]:

@@ -14,7 +14,7 @@ from urdfcal.base.files import write_whole
 from urdfcal.base.geometry import Labels, Matrix, Vector
 from urdfcal.base.tables import Table, csv_text, read_table
 from urdfcal.robot.rig import Grid
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.column_names import as_people_write
 from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
@@ -59,6 +59,7 @@ def read_measurements(
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
+    require_robot(robot, "read_measurements")
     table = read_named_table(path, robot, target)
     return measurements_of(table, robot, reference, camera, boards, source=str(path))
 

@@ -125,13 +125,14 @@ class SimulatedSetup:
 
 
 def parse_sensors(
-    words: Sequence[str], robot: Robot, places: int, boards: Mapping[str, Grid] | None = None
+    words: Sequence[str] | str, robot: Robot, places: int, boards: Mapping[str, Grid] | None = None
 ) -> tuple[tuple[SimulatedSensor, ...], bool]:
-    """The sensors that a command line names, and whether the robot's lasers are among them; a board is read by its corners.
+    """The sensors that words, or a single one, name, and whether the robot's lasers are among them; a board is read by its corners.
 
     Raises:
         UsageError: no such kind of sensor, or no such link.
     """
+    words = [words] if isinstance(words, str) else words
     named = [parse_sensor(word, robot, places) for word in words if word != "laser"]
     return tuple(own for sensor in named for own in _by_corners(sensor, boards or {})), "laser" in words
 

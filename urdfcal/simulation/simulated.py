@@ -16,7 +16,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import require_room
-from urdfcal.robot.robot import Robot, with_text
+from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
@@ -113,6 +113,7 @@ def simulate(
         UsageError: no such sensor, link or error; noise below zero; or poses that sensors can read are too rare.
         RigError: a link is not there, or not where it can be.
     """
+    require_robot(robot, "simulate")
     if poses < 1 or test_poses < 0:
         raise UsageError(f"simulate: expected one pose or more, found {poses} and {test_poses} to test")
     rng = np.random.default_rng(seed) if rng is None else rng

@@ -18,7 +18,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, copies_warning, fit_and_test
+from urdfcal.sensors.measurements import Measurements, as_measured, copies_warning, fit_and_test, require_measured
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
 
 
@@ -81,6 +81,7 @@ def check(
     Raises:
         UsageError: noise is stated of what was not measured, or is not above zero.
     """
+    require_measured(robot, data, "check")
     options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
     fit_set = _with_known_places(fit_and_test(data)[0])
     robot = as_measured(robot, fit_set)

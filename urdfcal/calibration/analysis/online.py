@@ -43,7 +43,7 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.rig import Grid
-from urdfcal.robot.robot import Robot
+from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.in_memory import is_table, measurements_from
 from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
 from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
@@ -166,6 +166,7 @@ class OnlineCalibrator:
             UsageError: an option means nothing here, or the limits leave no workspace and none is given.
             RobotError: the tool is not a link that the calibrated joints move.
         """
+        require_robot(robot, "OnlineCalibrator")
         self._known = _known_noise(spot_sigma, sigmas or {})
         _check(target_mm, gate, self._known)
         self.robot, self.target_mm, self.options = robot, target_mm, options or ModelOptions()
