@@ -47,9 +47,7 @@ def correct(
     ] = None,
     tool: Annotated[
         str | None,
-        typer.Option(
-            metavar="LINK", help="The link that targets are of. Default: behind the joints that were calibrated.", show_default=False
-        ),
+        typer.Option(metavar="LINK", help="The link that targets are of. Default: the one that was measured.", show_default=False),
     ] = None,
     base: Annotated[
         str | None, typer.Option(metavar="LINK", help="The link that placements are told in. Default: the root.", show_default=False)
@@ -91,8 +89,10 @@ def correct(
     place = named(output, f"{targets.stem}_corrected{targets.suffix}")
     require_places(place, inputs=(robot, targets, calibration, compensation))
     arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
-    real = account_of(stored_calibration(calibration), arm)
-    nominal = Way.between(arm, tool or _tool(arm, real.robot), base)
+    stored = stored_calibration(calibration)
+    real = account_of(stored, arm)
+    measured = stored.measured if stored.measured in arm.tree.links else ""
+    nominal = Way.between(arm, tool or measured or _tool(arm, real.robot), base)
     if frame and not is_program(targets):
         raise UsageError(f"--frame {frame[0]}: is about robot programs, and {targets} is a table; --base names the base")
     file = read_program(targets, nominal, frame or ()) if is_program(targets) else read_targets(targets, nominal)

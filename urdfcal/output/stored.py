@@ -84,12 +84,20 @@ class RobotEntry(_Loose):
     file: str = ""
 
 
+class RigEntry(_Loose):
+    """What measured."""
+
+    module: str = ""
+    targets: list[str] = Field(default_factory=list)
+
+
 class CalibrationEntries(_Loose):
     """The part of the file that is read back."""
 
     joints: dict[str, JointEntry] = Field(min_length=1)
     posterior: PosteriorEntry | None = None
     robot: RobotEntry | None = None
+    rig: RigEntry | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -101,12 +109,14 @@ class StoredCalibration(Applicable):
         corrections: Nominal and corrected origin by joint name.
         posterior: What was decided of the joints' parameters, as the file has it; None if it does not say.
         description: The file of the robot that was calibrated, as it was named then; empty if the file does not say.
+        measured: The module, or the link of the first target; empty if the file does not say.
     """
 
     path: Path
     corrections: dict[str, OriginCorrection]
     posterior: PosteriorEntry | None = None
     description: str = ""
+    measured: str = ""
 
     def __repr__(self) -> str:
         """In a line."""
@@ -231,7 +241,9 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
         for name, entry in entries.joints.items()
     }
-    return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "")
+    rig = entries.rig or RigEntry()
+    measured = rig.module or next(iter(rig.targets), "").partition(":")[0]
+    return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "", measured)
 
 
 def _no_calibration(content: Any) -> str:
