@@ -11,6 +11,7 @@ import pytest
 from urdfcal.base.errors import InputError, MeasurementError, UsageError
 from urdfcal.base.geometry import DEG
 from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION, QUATERNION_W_FIRST, ROTATION_VECTOR, Orientation
+from urdfcal.deploy.programs.languages import read_program
 from urdfcal.deploy.target_csv import near_from, read_targets
 from urdfcal.deploy.targets import corrected
 from urdfcal.robot.robot import load_robot
@@ -97,5 +98,9 @@ def test_what_is_no_table_of_targets_is_refused(ur5: Way, tmp_path: Path) -> Non
     path.write_text("x,y,z,A,B,C\n5,.1,.1,0,0,0")
     with pytest.raises(InputError, match=r"the nominal robot does not reach this target"):
         corrected(read_targets(path, ur5), ur5, ur5.placements, np.zeros(6))
+    program = tmp_path / "p.script"
+    program.write_text("movej([0,0,0,0,0,1e300])")
+    with pytest.raises(InputError, match=r"p.script:1: 1e300 is farther than any robot goes"):
+        corrected(read_program(program, ur5), ur5, ur5.placements)
     with pytest.raises(UsageError, match=r"expected 6 numbers, in deg"):
         near_from("1,2", ur5)

@@ -13,6 +13,7 @@ from urdfcal.base.errors import InputError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, solved, spoken
 from urdfcal.deploy.orientations import Orientation
+from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.robot.way import Way
 
 _DIGITS = {1.0: 9, MM: 5, DEG: 6}  # behind the point that a number at least gets, by its unit's size: under a micrometre and a microradian
@@ -156,6 +157,7 @@ def corrected(file: TargetFile, nominal: Way, real: Placements, near: Vector | N
     Raises:
         InputError: a placement stands before anything that says its configuration, or cannot be reached by the nominal robot.
     """
+    _require_near(file)
     found: dict[int, Corrected] = {}
     jointed = [row for row, target in enumerate(file.targets) if target.orientation is None]
     placed = [row for row, target in enumerate(file.targets) if target.orientation is not None]
@@ -167,6 +169,18 @@ def corrected(file: TargetFile, nominal: Way, real: Placements, near: Vector | N
         false = false_placements(nominal, real, wanted, _nominal(file, nominal, placed, wanted, near))
         found |= _told(file, nominal, placed, false, lambda index, target: target.numbers_of(false.placements[index]))
     return [found[row] for row in range(len(file.targets))]
+
+
+def _require_near(file: TargetFile) -> None:
+    """Refuse numbers that no robot has.
+
+    Raises:
+        InputError: names the line.
+    """
+    for target in file.targets:
+        for number in target.numbers:
+            if not abs(number.value) <= FARTHEST:
+                raise InputError(f"{file.text[number.start : number.end]} is farther than any robot goes", file.path, target.line)
 
 
 def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, near: Vector | None) -> Matrix:
