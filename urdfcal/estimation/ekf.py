@@ -318,8 +318,9 @@ def _cost(linearisation: Linearisation, weights: Weights, x: Vector, prior: Beli
 
 
 def posterior(linearisation: Linearisation, prior: Belief, noise: Noise) -> Matrix:
-    """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once."""
-    return taken_in(prior, noise.normal(linearisation)).P
+    """Covariance of the parameters, (p, p), once the data of one linearisation have been counted once; the prior's where they overflow."""
+    normal = noise.normal(linearisation)
+    return taken_in(prior, normal).P if np.isfinite(normal.A).all() else prior.P
 
 
 def told(prior: Belief, H: Matrix, innovation: Vector | None = None) -> Belief:
