@@ -27,8 +27,7 @@ def comparison_blocks(found: Comparison) -> list[RenderableType]:
         *(["", _NOT_SAID] if found.expected is not None else []),
         "",
         titled(f"At '{found.tool}', over {len(found.at_tool.distance)} random configurations", _tool_table(found)),
-        "",
-        f"Farthest apart at {_where(found)}",
+        *([] if found.identical else ["", f"Farthest apart at {_where(found)}"]),
     ]
 
 
