@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 import urdfcal
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.planning.plan import plan_poses
-from urdfcal.planning.selection import expected, gains, greedy
+from urdfcal.planning.selection import exchanged, expected, gains, greedy
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.spots import beams_at
 
@@ -31,6 +33,28 @@ def test_the_best_is_taken_pose_after_pose(rng: np.random.Generator) -> None:
         assert left[count + 1] == pytest.approx(min(tried))
     assert len(set(chosen.tolist())) == 4
     assert left[0] == pytest.approx(np.trace(M))
+
+
+def test_exchanges_are_never_worse_and_find_what_trying_all_finds(rng: np.random.Generator) -> None:
+    """From any choice an exchange leaves no more, what was measured before counted; of few candidates it mostly ends at the best set."""
+    best = 0
+    for _ in range(20):
+        H, sigma, root = rng.normal(size=(9, 1, 4)), np.ones(4), rng.normal(size=(4, 4))
+        M, known, begun = root @ root.T, H[0].T @ H[0], rng.choice(9, 4, replace=False)
+        chosen, left = exchanged(H, sigma, M, begun, known)
+        assert left[-1] <= expected(H, sigma, M, begun, known) * (1 + 1e-12)
+        assert left[-1] == pytest.approx(expected(H, sigma, M, chosen, known))
+        assert len(set(chosen.tolist())) == 4
+        best += left[-1] <= min(expected(H, sigma, M, np.array(rows), known) for rows in combinations(range(9), 4)) * (1 + 1e-9)
+    assert best >= 15
+
+
+def test_a_plan_completes_what_was_measured(robots: dict[str, Robot]) -> None:
+    """With poses that were measured before, fewer are left to be gained, and the plan starts from what they leave."""
+    first = plan_poses(robots["ur5"], candidates=150, n=6, sensors="point:tool0")
+    second = plan_poses(robots["ur5"], candidates=150, n=6, sensors="point:tool0", have=first.q)
+    assert second.tool_sigma_mm[0] == pytest.approx(first.tool_sigma_mm[-1], rel=0.2)
+    assert second.tool_sigma_mm[-1] < first.tool_sigma_mm[-1]
 
 
 def test_what_is_predicted_of_a_plan_is_what_check_says(robots: dict[str, Robot]) -> None:

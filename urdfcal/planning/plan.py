@@ -21,7 +21,7 @@ from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
-from urdfcal.planning.selection import expected, greedy
+from urdfcal.planning.selection import exchanged, expected, greedy
 from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
@@ -96,11 +96,14 @@ def plan_poses(
     joint_sigma: float | Vector = 0.0,
     reference: str | None = None,
     workspace: Matrix | None = None,
+    have: Measurements | npt.ArrayLike | None = None,
     screen_size: float = 3.0,
     seed: int = 0,
     rng: np.random.Generator | None = None,
 ) -> PosePlan:
-    """Choose poses to measure: one after the other the one that makes the tool's predicted position surest, over the whole workspace.
+    """Choose poses to measure, those that make the tool's predicted position surest over the whole workspace.
+
+    One after the other the one that gains most is taken; then each is exchanged for a better one until none gains (`selection`).
 
     Nothing knows here of obstacles, cables and what else is in the way: give as `candidates` poses that the robot may take. Where measuring
     frame and targets will be is not known yet, and is drawn at random; it matters little to which poses are good ones.
@@ -118,6 +121,7 @@ def plan_poses(
         joint_sigma: Noise of a joint reading as for `fit`, [rad].
         reference: Link that the measuring frame stands on; by default `tracker`, or the root.
         workspace: Configurations over which the tool must be accurate, (c, inputs), [rad] or [m]; by default random within limits.
+        have: Poses that were measured already with these sensors, which the plan is to complete: measurements, or positions (h, inputs).
         screen_size: Side of the screen, [m].
         seed: Of the randomness.
         rng: Source of randomness in place of a seed.
@@ -143,8 +147,13 @@ def plan_poses(
     tool = default_tool(seen) if tool is None else tool
     J = tool_jacobian(seen, errors, x, tool, _anywhere(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
     M = np.einsum("nij,nik->jk", J, J) / len(J)
-    chosen, left = greedy(H, errors.sigma, M, n)
-    at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False)) for _ in range(_DRAWS)])
+    known = None
+    if have is not None:
+        measured = _candidates(seen, errors, have.q if isinstance(have, Measurements) else have, setup.area, rng)
+        rows = _whitened(errors, x, _read(errors, x, measured, named, setup.area), spot_sigma, sigmas, joint_sigmas(seen, joint_sigma))
+        known = np.einsum("nki,nkj->ij", rows, rows)
+    chosen, left = exchanged(H, errors.sigma, M, greedy(H, errors.sigma, M, n, known)[0], known)
+    at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False), known) for _ in range(_DRAWS)])
     return PosePlan(seen, seen.chain.input_names, q[chosen], chosen, tool, np.sqrt(left) / MM, float(np.sqrt(at_random)) / MM)
 
 

@@ -6,7 +6,9 @@ the tool's mean squared error is tr(P M). A further pose with the whitened Jacob
     tr((I + H P H')^-1 H P M P H'),
 
 and of all candidates the one that gains most is taken, pose after pose. What so many poses gain grows with ever smaller steps, of which
-greedy choices are known to get the better part (Krause, Singh and Guestrin, 2008, for mutual information), though not all.
+greedy choices are known to get the better part (Krause, Singh and Guestrin, 2008, for mutual information), though not all. So poses
+are then exchanged (Fedorov, 1972): each in turn is taken out, and the candidate that gains most without it is put in its place, until
+none gains.
 """
 
 from __future__ import annotations
@@ -17,8 +19,11 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.calibration.analysis.more_poses import covariance
 
+_PASSES = 10  # of exchanges over all poses
+_ROUNDING = 1e-9  # share of a gain
 
-def greedy(H: Array3, sigma: Vector, M: Matrix, n: int) -> tuple[npt.NDArray[np.intp], Vector]:
+
+def greedy(H: Array3, sigma: Vector, M: Matrix, n: int, known: Matrix | None = None) -> tuple[npt.NDArray[np.intp], Vector]:
     """Choose poses.
 
     Args:
@@ -26,11 +31,13 @@ def greedy(H: Array3, sigma: Vector, M: Matrix, n: int) -> tuple[npt.NDArray[np.
         sigma: Prior standard deviations, (p,).
         M: Mean of J'J over the workspace, (p, p).
         n: How many, at most m.
+        known: Information of what was measured before, the sum of its H'H, (p, p).
 
     Returns:
         Which candidates, (n,), in the order in which they were chosen, and tr(P M) before the first and after each, (n + 1,).
     """
-    information, P = np.zeros_like(M), np.diag(sigma**2)
+    information = np.zeros_like(M) if known is None else known
+    P = covariance(information, sigma)
     chosen: list[int] = []
     left = [float(np.sum(P * M))]
     for _ in range(n):
@@ -44,6 +51,39 @@ def greedy(H: Array3, sigma: Vector, M: Matrix, n: int) -> tuple[npt.NDArray[np.
     return np.array(chosen, dtype=np.intp), np.array(left)
 
 
+def exchanged(
+    H: Array3, sigma: Vector, M: Matrix, chosen: npt.NDArray[np.intp], known: Matrix | None = None
+) -> tuple[npt.NDArray[np.intp], Vector]:
+    """As many poses that are no worse: each one exchanged for the candidate that gains most in its place, until none gains.
+
+    Args:
+        H: Whitened Jacobians of the candidates, (m, k, p).
+        sigma: Prior standard deviations, (p,).
+        M: Mean of J'J over the workspace, (p, p).
+        chosen: Which candidates were chosen so far, (n,).
+        known: Information of what was measured before, (p, p).
+
+    Returns:
+        As `greedy`: which candidates, the most telling first, and tr(P M) before the first and after each.
+    """
+    chosen = chosen.copy()
+    before = np.zeros_like(M) if known is None else known
+    for _ in range(_PASSES):
+        swapped = False
+        for place in range(len(chosen)):
+            others = np.delete(chosen, place)
+            rest = H[others].reshape(-1, H.shape[2])
+            gain = gains(H, covariance(before + rest.T @ rest, sigma), M)
+            gain[others] = -np.inf
+            best = int(np.argmax(gain))
+            if gain[best] > gain[chosen[place]] * (1 + _ROUNDING):
+                chosen[place], swapped = best, True
+        if not swapped:
+            break
+    order, left = greedy(H[chosen], sigma, M, len(chosen), known)
+    return chosen[order], left
+
+
 def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
     """By how much each candidate would lower tr(P M), (m,)."""
     HP = H @ P
@@ -51,7 +91,7 @@ def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
     return np.asarray(np.trace(np.linalg.solve(S, HP @ M @ HP.transpose(0, 2, 1)), axis1=1, axis2=2))
 
 
-def expected(H: Array3, sigma: Vector, M: Matrix, rows: npt.NDArray[np.intp]) -> float:
+def expected(H: Array3, sigma: Vector, M: Matrix, rows: npt.NDArray[np.intp], known: Matrix | None = None) -> float:
     """tr(P M) once some of the candidates were measured."""
     stacked = H[rows].reshape(-1, H.shape[2])
-    return float(np.sum(covariance(stacked.T @ stacked, sigma) * M))
+    return float(np.sum(covariance(stacked.T @ stacked + (0.0 if known is None else known), sigma) * M))
