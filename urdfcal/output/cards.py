@@ -23,7 +23,7 @@ def calibration_card(calibration: FitResult, verdict: Verdict) -> str:
     predicted = list(accuracy_rows(verdict)) if verdict.tool is not None else []
     listings = (
         Listing(_DISTANCES, list(_distances(calibration)), words=2),
-        Listing((PREDICTED, *FIGURES, *(f"{name}, nominal" for name in FIGURES)), predicted),
+        Listing((PREDICTED, *(f"{name}, {phase}" for phase in ("before", "after") for name in FIGURES)), predicted),
         Listing(
             ("parameter", "value \u00b1 sigma", "unit", "prior sigma"), list(_parameters(calibration)), title="Parameters", folded=True
         ),

@@ -158,7 +158,7 @@ def test_what_is_predicted_of_the_workspace_is_in_page_and_markdown(arm7: Calibr
     for ending in (".html", ".md"):
         text = report_bytes(Path(f"report{ending}"), arm7, COMMAND, spots=spots).decode()
         first = (Outline(text).text if ending == ".html" else text.replace("|", "").replace("  ", " ")).partition("Parameters")[0]
-        assert re.search(r"spots of laser_2 over the workspace ?2\.0 ?6\.0 ?80", first), first
+        assert re.search(r"spots of laser_2 over the workspace ?– ?– ?– ?2\.0 ?6\.0 ?80", first), first
 
 
 def test_the_verdict_stands_first_and_is_the_terminals(arm7: Calibration, page: str, written: Written) -> None:

@@ -72,7 +72,7 @@ def opening_of(calibration: FitResult, suspects: Sequence[Suspect], spots: SpotA
 
 def _predicted(verdict: Verdict, spots: SpotAccuracy | None) -> tuple[Table | None, str]:
     rows = (*accuracy_rows(verdict), *_spot_rows(spots))
-    groups = (("", 1), ("calibrated", 3), ("nominal", 3))
+    groups = (("", 1), ("before", 3), ("after", 3))
     table = Table((PREDICTED, *FIGURES, *FIGURES), rows, groups=groups) if rows else None
     return table, f"{constant_words(verdict.tool)}." if verdict.tool is not None else ""
 
@@ -82,7 +82,7 @@ def _spot_rows(spots: SpotAccuracy | None) -> Iterator[tuple[str, ...]]:
     if spots is None:
         return
     for laser, *figures in zip(spots.lasers, spots.median.tolist(), spots.most.tolist(), spots.worst.tolist(), strict=True):
-        yield (f"spots of {laser} over the workspace", *map(rough_mm, figures), "–", "–", "–")
+        yield (f"spots of {laser} over the workspace", "–", "–", "–", *map(rough_mm, figures))
 
 
 def count_of(number: int, noun: str) -> str:

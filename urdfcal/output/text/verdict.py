@@ -34,7 +34,7 @@ def verdict_blocks(verdict: Verdict, headline: str = "") -> list[RenderableType]
 
 
 def accuracy_rows(verdict: Verdict) -> list[tuple[str, ...]]:
-    """What is predicted: its name, and median, 95 % and worst over the workspace, calibrated and nominal, in mm."""
+    """What is predicted: its name, and median, 95 % and worst over the workspace, before and after, in mm."""
     tool = verdict.tool
     if tool is None:
         return []
@@ -44,7 +44,7 @@ def accuracy_rows(verdict: Verdict) -> list[tuple[str, ...]]:
         ("spots, at the poses measured", verdict.spots),
     ]
     return [
-        (name, *(rough_mm(figure) for own in (gain.after, gain.before) for figure in (own.median, own.p95, own.worst)))
+        (name, *(rough_mm(figure) for own in (gain.before, gain.after) for figure in (own.median, own.p95, own.worst)))
         for name, gain in cases
         if gain is not None
     ]
@@ -68,6 +68,6 @@ def _table(verdict: Verdict) -> RenderableType:
     for phase in ("before", "after"):  # as in the table of distances
         for figure in FIGURES:
             table.add_column(f"{figure}\n{phase}", justify="right")
-    for name, *figures in accuracy_rows(verdict):
-        table.add_row(name, *figures[len(FIGURES) :], *figures[: len(FIGURES)])
+    for row in accuracy_rows(verdict):
+        table.add_row(*row)
     return titled(PREDICTED, table)
