@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 
 from urdfcal.base.errors import RobotError, no_such
-from urdfcal.base.geometry import Array3, Matrix, Vector, product
+from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, product
 from urdfcal.base.rotations import skew
 from urdfcal.robot.chain import leader_of
 from urdfcal.robot.robot import Robot
@@ -78,16 +80,28 @@ class Way:
         """Lower and upper limits of the joints that are set, (2, k); infinite where a joint turns on and on."""
         return np.array([(joint.lower, joint.upper) for joint in self.inputs]).T
 
+    @cached_property
+    def segments(self) -> tuple[tuple[UrdfJoint | None, SE3], ...]:
+        """Each moving joint with its placement behind the one before it; last, without a joint, the tool's behind the last of them."""
+        found: list[tuple[UrdfJoint | None, SE3]] = []
+        pending: list[SE3] = []
+        for joint in self.path:
+            pending.append(joint.origin)
+            if joint.moves:
+                found.append((joint, product(pending)))
+                pending = []
+        return (*found, (None, product(pending)))
+
     def placements(self, q: Matrix) -> Array3:
         """Placement of the tool in the base, (n, 4, 4), at positions (n, k), [rad] or [m]."""
-        *_, tool = self._frames(q)
+        *_, (tool, _) = self.walk(q)
         return tool
 
     def jacobians(self, q: Matrix) -> tuple[Array3, Array3]:
         """The same, and the twist of the tool in its own axes per unit of each position, (n, 6, k)."""
-        *frames, tool = self._frames(q)
+        *frames, (tool, _) = self.walk(q)
         J = np.zeros((len(q), 6, len(self.inputs)))
-        for (joint, column, factor), frame in zip(self._motions, frames, strict=True):
+        for (joint, column, factor, _), (_, frame) in zip(self._motions, frames, strict=True):
             axis = np.array(joint.axis)
             to_tool = np.einsum("nji,njk->nik", frame[:, :3, :3], tool[:, :3, :3]).transpose(0, 2, 1)
             lever = np.einsum("nji,nj->ni", frame[:, :3, :3], tool[:, :3, 3] - frame[:, :3, 3])
@@ -96,30 +110,35 @@ class Way:
             J[:, 3:, column] += factor * np.einsum("nij,nj->ni", to_tool, np.broadcast_to(angular, lever.shape))
         return tool, J
 
+    def walk(self, q: Matrix) -> Iterator[tuple[Array3, Array3]]:
+        """Every moving joint's frame before its motion and behind it, last the tool, which does not move; in the base, (n, 4, 4) each."""
+        placed = np.repeat(np.eye(4)[None], len(q), axis=0)
+        for (_, placement), motion in zip_longest(self.segments, self._motions):
+            before = placed @ placement.homogeneous
+            placed = before if motion is None else before @ _moved(motion, q)
+            yield before, placed
+
     @cached_property
-    def _motions(self) -> list[tuple[UrdfJoint, int, float]]:
-        """Each moving joint, the position that moves it, and how many times."""
+    def _motions(self) -> list[_Motion]:
         found = []
         for joint in (joint for joint in self.path if joint.moves):
-            leader, factor, _ = leader_of(self.robot.tree, joint)
-            found.append((joint, self.inputs.index(leader), factor))
+            leader, factor, shift = leader_of(self.robot.tree, joint)
+            found.append(_Motion(joint, self.inputs.index(leader), factor, shift))
         return found
 
-    def _frames(self, q: Matrix) -> Iterator[Array3]:
-        """Every moving joint's frame behind its motion, and the tool, in the base, (n, 4, 4) each."""
-        placed, pending = np.repeat(np.eye(4)[None], len(q), axis=0), []
-        for joint in self.path:
-            pending.append(joint.origin)
-            if joint.moves:
-                placed = placed @ product(pending).homogeneous @ self._motion(joint, q)
-                pending = []
-                yield placed
-        yield placed @ product(pending).homogeneous
 
-    def _motion(self, joint: UrdfJoint, q: Matrix) -> Array3:
-        leader, factor, shift = leader_of(self.robot.tree, joint)
-        position, axis = factor * q[:, self.inputs.index(leader)] + shift, np.array(joint.axis)
-        return slid(axis, position) if joint.prismatic else turned(axis, position)
+class _Motion(NamedTuple):
+    """A moving joint, the column of the position that moves it, how many times, and from where on."""
+
+    joint: UrdfJoint
+    column: int
+    factor: float
+    shift: float
+
+
+def _moved(motion: _Motion, q: Matrix) -> Array3:
+    position, axis = motion.factor * q[:, motion.column] + motion.shift, np.array(motion.joint.axis)
+    return slid(axis, position) if motion.joint.prismatic else turned(axis, position)
 
 
 def turned(axis: Vector, angle: Vector) -> Array3:

@@ -17,7 +17,7 @@ chi-squared with (sum w)^2 / sum w^2 degrees of freedom, scaled by sum w^2 / sum
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,7 +26,7 @@ import pinocchio as pin
 from scipy.stats import chi2
 
 from urdfcal.base.errors import RobotError
-from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, product, rotation_screw, translation_screw
+from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, rotation_screw, translation_screw
 from urdfcal.base.rotations import rotation_vectors, skew
 from urdfcal.calibration.analysis.tool_accuracy import without_constants
 from urdfcal.model.earlier import EarlierJoints
@@ -34,6 +34,7 @@ from urdfcal.robot.configurations import random_configurations
 from urdfcal.robot.corrections import same_origin
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
+from urdfcal.robot.way import Way
 
 CONFIGURATIONS = 1000
 CHANCE = 0.05  # what is likelier than that by chance alone is no difference
@@ -144,66 +145,64 @@ def compare(one: Account, other: Account, tool: str, rng: np.random.Generator, c
     Raises:
         RobotError: no such link, or other joints lead to it.
     """
-    ways = _Way.to(one.robot, tool), _Way.to(other.robot, tool)
-    _require_one_robot(one, other, *ways)
-    way, twists = ways[0], np.concatenate([_log(a.actInv(b)) for a, b in zip(ways[0].placements, ways[1].placements, strict=True)])
+    way, others = (_Booked(_way_to(account.robot, tool)) for account in (one, other))
+    _require_one_robot(one, other, way, others)
+    twists = np.concatenate([_log(a.actInv(b)) for a, b in zip(way.placements, others.placements, strict=True)])
     S = _covariance(way, one.known) + _covariance(way, other.known)
-    q = random_configurations(one.robot, rng, count)
-    frames = way.frames(one.robot, q)
-    at_tool, apart = _at_tool(one.robot, frames.tool, ways[1].frames(other.robot, q).tool, q), frames.apart()
+    positions = _positions(one.robot, random_configurations(one.robot, rng, count))
+    q, theirs = (np.column_stack([positions[name] for name in each.way.names]) for each in (way, others))
+    before, placed = way.frames(q)
+    at_tool, apart = _at_tool(one.robot, placed, others.way.placements(theirs), positions), _apart(before, placed)
     expected, chance = _by_chance(apart, S, float(np.mean(at_tool.apart**2))) if S.any() else (None, None)
     return Comparison(one.label, other.label, tool, way.rows(twists, S), _sliding(one.robot), at_tool, expected, chance)
 
 
+def _way_to(robot: Robot, tool: str) -> Way:
+    """The way to a link from the root.
+
+    Raises:
+        RobotError: no such link, or no joint moves it.
+    """
+    way = Way(robot, robot.tree.root, robot.tree.require_link(tool))
+    if not way.inputs:
+        raise RobotError(f"no joint moves the link '{tool}'; name another with --tool", robot.description.label)
+    return way
+
+
+def _apart(before: list[Array3], tool: Array3) -> Array3:
+    """Motion of the tool's origin per unit of every twist, without what constants of base and tool explain, (n, 3, 6J).
+
+    Args:
+        before: Each placement before its joint's motion, in the root's frame, J times (n, 4, 4).
+        tool: The tool there, (n, 4, 4).
+    """
+    placed, blocks = tool[:, :3, 3], []
+    for T in before:
+        R, lever = T[:, :3, :3], np.einsum("nji,nj->ni", T[:, :3, :3], placed - T[:, :3, 3])
+        blocks += [R, -R @ skew(lever)]
+    return _without(np.concatenate(blocks, axis=2), placed, tool[:, :3, :3])
+
+
 @dataclass(frozen=True, eq=False)
-class _Frames:
-    """At n configurations: each placement of the way before its joint's motion (J times n), and the tool, in the root's frame."""
+class _Booked:
+    """The placements of a way on which a difference can be booked: of its moving joints, and of the tool where it is fixed behind them."""
 
-    before: list[Array3]
-    tool: Array3
+    way: Way
 
-    def apart(self) -> Array3:
-        """Motion of the tool's origin per unit of every twist, without what constants of base and tool explain, (n, 3, 6J)."""
-        placed, axes = self.tool[:, :3, 3], self.tool[:, :3, :3]
-        blocks = []
-        for T in self.before:
-            R, lever = T[:, :3, :3], np.einsum("nji,nj->ni", T[:, :3, :3], placed - T[:, :3, 3])
-            blocks += [R, -R @ skew(lever)]
-        return _without(np.concatenate(blocks, axis=2), placed, axes)
+    @cached_property
+    def joints(self) -> tuple[UrdfJoint, ...]:
+        """The joints that move."""
+        return tuple(joint for joint, _ in self.way.segments if joint is not None)
 
+    @cached_property
+    def placements(self) -> tuple[SE3, ...]:
+        """One behind the other."""
+        return tuple(placement for _, placement in self.way.segments)[: len(self.names)]
 
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """The moving joints between the root and a link, each placed behind the one before it; a last placement leads to the link."""
-
-    tool: str
-    joints: tuple[UrdfJoint, ...]
-    placements: tuple[SE3, ...]
-
-    @classmethod
-    def to(cls, robot: Robot, tool: str) -> _Way:
-        """The way to a link.
-
-        Raises:
-            RobotError: no such link, or no joint moves it.
-        """
-        pending: list[SE3] = []
-        joints: list[UrdfJoint] = []
-        placements: list[SE3] = []
-        for joint in robot.tree.path_from_root(robot.tree.require_link(tool)):
-            pending.append(joint.origin)
-            if joint.moves:
-                joints.append(joint)
-                placements.append(product(pending))
-                pending = []
-        if not joints:
-            raise RobotError(f"no joint moves the link '{tool}'; name another with --tool", robot.description.label)
-        return cls(tool, tuple(joints), (*placements, *([product(pending)] if pending else [])))
-
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """What each placement is called."""
-        return (*(joint.name for joint in self.joints), self.tool)[: len(self.placements)]
+        return (*(joint.name for joint in self.joints), *(() if self.way.path[-1].moves else (self.way.tool,)))
 
     @cached_property
     def projector(self) -> Matrix:
@@ -227,17 +226,10 @@ class _Way:
             for row, (name, (distance, angle)) in enumerate(zip(self.names, sizes, strict=True))
         )
 
-    def frames(self, robot: Robot, q: Matrix) -> _Frames:
-        """Where everything is at configurations of the whole robot, (n, nq)."""
-        model = robot.model
-        data, ids, link = model.createData(), [model.getJointId(joint.name) for joint in self.joints], model.getFrameId(self.tool, pin.BODY)
-        moved, tool = np.empty((len(q), len(ids), 4, 4)), np.empty((len(q), 4, 4))
-        for pose, configuration in enumerate(q):
-            pin.forwardKinematics(model, data, configuration)
-            tool[pose] = pin.updateFramePlacement(model, data, link)
-            moved[pose] = [data.oMi[index] for index in ids]
-        behind = np.concatenate([np.broadcast_to(np.eye(4), (len(q), 1, 4, 4)), moved], axis=1)
-        return _Frames([behind[:, index] @ placement.homogeneous for index, placement in enumerate(self.placements)], tool)
+    def frames(self, q: Matrix) -> tuple[list[Array3], Array3]:
+        """Each placement before its joint's motion, and the tool, in the root's frame, (n, 4, 4) each."""
+        before = [frame for frame, _ in self.way.walk(q)]
+        return before[: len(self.names)], before[-1]
 
 
 def _sliding(robot: Robot) -> tuple[str, ...]:
@@ -250,12 +242,12 @@ def _log(placement: SE3) -> Vector:
 
 def _commuting(joint: UrdfJoint) -> Sequence[Vector]:
     """Screws that may as well be put behind a joint's motion as before it."""
-    axis = np.array(joint.axis) / np.linalg.norm(joint.axis)
+    axis = np.array(joint.axis)
     shifts = np.eye(3) if joint.prismatic else axis[None]
     return [*(translation_screw(direction) for direction in shifts), rotation_screw(axis, np.zeros(3))]
 
 
-def _covariance(way: _Way, known: EarlierJoints | None) -> Matrix:
+def _covariance(way: _Booked, known: EarlierJoints | None) -> Matrix:
     """Of the twists of a way's placements, (6J, 6J); what is not known of is taken for certain."""
     size = 6 * len(way.placements)
     if known is None:
@@ -284,22 +276,23 @@ def _sigma_along(vector: Vector, covariance: Matrix, least: float) -> float | No
     return float(np.sqrt(variance)) if variance > least else None
 
 
-def _at_tool(robot: Robot, one: Array3, other: Array3, q: Matrix) -> ToolDifference:
+def _at_tool(robot: Robot, one: Array3, other: Array3, positions: Mapping[str, Vector]) -> ToolDifference:
     placed, axes = one[:, :3, 3], one[:, :3, :3]
     off = other[:, :3, 3] - placed
     turned = np.linalg.norm(rotation_vectors(axes.transpose(0, 2, 1) @ other[:, :3, :3]), axis=1)
     distance = np.linalg.norm(off, axis=1)
-    apart = np.linalg.norm(_without(off[:, :, None], placed, axes)[:, :, 0], axis=1)
-    return ToolDifference(distance, apart, turned, _positions(robot, q[int(np.argmax(distance))]))
+    apart, worst = np.linalg.norm(_without(off[:, :, None], placed, axes)[:, :, 0], axis=1), int(np.argmax(distance))
+    leading = (name for name in positions if robot.tree.joints[name].mimic is None)
+    return ToolDifference(distance, apart, turned, {name: float(positions[name][worst]) for name in leading})
 
 
-def _positions(robot: Robot, configuration: Vector) -> dict[str, float]:
-    """Positions by joint name of a whole configuration, [rad] or [m]; a continuous joint has its cosine and sine in it."""
+def _positions(robot: Robot, q: Matrix) -> dict[str, Vector]:
+    """Positions (n,) by joint name of whole configurations (n, nq), [rad] or [m]; a continuous joint has its cosine and sine in them."""
     model, found = robot.model, {}
-    for joint in (joint for joint in robot.tree.joints.values() if joint.moves and joint.mimic is None):
+    for joint in (joint for joint in robot.tree.joints.values() if joint.moves):
         index = model.getJointId(joint.name)
         at, size = model.idx_qs[index], model.nqs[index]
-        found[joint.name] = float(configuration[at] if size == 1 else np.arctan2(configuration[at + 1], configuration[at]))
+        found[joint.name] = q[:, at] if size == 1 else np.arctan2(q[:, at + 1], q[:, at])
     return found
 
 
@@ -342,7 +335,7 @@ def default_tool(one: Account, other: Account) -> str:
     return found
 
 
-def _require_one_robot(one: Account, other: Account, way: _Way, others: _Way) -> None:
+def _require_one_robot(one: Account, other: Account, way: _Booked, others: _Booked) -> None:
     """Refuse to compare two robots.
 
     Raises:
@@ -352,8 +345,8 @@ def _require_one_robot(one: Account, other: Account, way: _Way, others: _Way) ->
     if names == theirs and len(way.placements) == len(others.placements):
         return
     pairs = [*zip(names, theirs, strict=False), *(((own, False), None) for own, _ in names[len(theirs) :])]
-    differs = next((own[0] for own, its in pairs if own != its), way.tool)
+    differs = next((own[0] for own, its in pairs if own != its), way.way.tool)
     raise RobotError(
-        f"{one.label} and {other.label} are not one robot: '{differs}' on the way to '{way.tool}' is not the same joint in both; "
+        f"{one.label} and {other.label} are not one robot: '{differs}' on the way to '{way.way.tool}' is not the same joint in both; "
         "expected two accounts of the same joints"
     )
