@@ -29,14 +29,14 @@ class Orientation:
         count: How many numbers.
         quaternions: Unit quaternions x, y, z, w of numbers, (n, count) -> (n, 4); nan where they are no orientation. Angles in [rad].
         candidates: All numbers that mean a rotation, of its quaternion (4,): (m, count).
-        angles: Whether the numbers are angles.
+        turns: Whether each number is an angle by itself, to which whole turns may be added.
     """
 
     name: str
     count: int
     quaternions: Callable[[Matrix], Matrix]
     candidates: Callable[[Vector], Matrix]
-    angles: bool = True
+    turns: bool = True
 
     def rotations(self, numbers: Matrix) -> Array3:
         """Rotation matrices of numbers, (n, count) -> (n, 3, 3)."""
@@ -45,7 +45,7 @@ class Orientation:
     def numbers(self, R: Matrix, near: Vector) -> Vector:
         """The numbers that mean a rotation (3, 3), nearest to those that stood there, (count,)."""
         found = self.candidates(np.asarray(pin.Quaternion(R).coeffs()))
-        if self.angles and self.name != ROTATION_VECTOR.name:
+        if self.turns:
             found = found + _TURN * np.round((near - found) / _TURN)
         return np.asarray(found[int(np.argmin(np.linalg.norm(found - near, axis=1)))])
 
@@ -70,10 +70,10 @@ def _vectors(quaternion: Vector) -> Matrix:
     return np.array([vector * (angle + turns * _TURN) / angle for turns in (-1, 0, 1)])
 
 
-QUATERNION = Orientation("quaternion x, y, z, w", 4, _unit, lambda q: np.array([q, -q]), angles=False)
+QUATERNION = Orientation("quaternion x, y, z, w", 4, _unit, lambda q: np.array([q, -q]), turns=False)
 QUATERNION_W_FIRST = Orientation(
-    "quaternion w, x, y, z", 4, lambda n: _unit(n[:, [1, 2, 3, 0]]), lambda q: np.array([q[[3, 0, 1, 2]], -q[[3, 0, 1, 2]]]), angles=False
+    "quaternion w, x, y, z", 4, lambda n: _unit(n[:, [1, 2, 3, 0]]), lambda q: np.array([q[[3, 0, 1, 2]], -q[[3, 0, 1, 2]]]), turns=False
 )
 FIXED_ANGLES = Orientation("roll, pitch, yaw about fixed axes", 3, quaternions_of, _angles)
 KUKA_ANGLES = Orientation("A, B, C about z, y', x''", 3, lambda n: quaternions_of(n[:, ::-1]), lambda q: _angles(q)[:, ::-1])
-ROTATION_VECTOR = Orientation("rotation vector", 3, quaternions_of_vectors, _vectors)
+ROTATION_VECTOR = Orientation("rotation vector", 3, quaternions_of_vectors, _vectors, turns=False)

@@ -195,8 +195,8 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
         for index, row in enumerate(rows):
             _require_reached(file, file.targets[row], reached, index)
         return reached.q
-    q = np.empty((len(rows), len(way.names)))
-    for row, target in enumerate(file.targets):
+    found: list[Vector] = []
+    for target in file.targets:
         if target.orientation is None:
             near = target.values
             continue
@@ -210,11 +210,11 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
                 file.path,
                 target.line,
             )
-        index = rows.index(row)
-        reached = solved(way, wanted[index][None], near[None], target.fits)
+        reached = solved(way, wanted[len(found)][None], near[None], target.fits)
         _require_reached(file, target, reached, 0)
-        q[index] = near = reached.q[0]
-    return q
+        near = reached.q[0]
+        found.append(near)
+    return np.array(found)
 
 
 def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:

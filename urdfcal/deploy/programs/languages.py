@@ -78,5 +78,5 @@ def _stated(text: str, language: Language) -> tuple[str, Matrix]:
         values = []
     if not mark or len(values) != 3 + language.frames.count or not np.isfinite(values).all():
         raise UsageError(f"--frame {text}: expected NAME=X,Y,Z and {language.frames.name}: {3 + language.frames.count} numbers, mm and deg")
-    unit = DEG if language.frames.angles else 1.0
+    unit = DEG if language.frames.turns else 1.0
     return name.strip(), frame_of([value * MM for value in values[:3]] + [value * unit for value in values[3:]], language.frames)

@@ -5,8 +5,6 @@ A target may stand in the call or be given a name before it. A pose is of the po
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from urdfcal.base.geometry import DEG, Matrix
@@ -74,7 +72,7 @@ class _Reading:
         before = self.found.get(at)
         if before is not None and not np.allclose(before.T_flange_tcp, self.tcp):
             raise self.program.fail(self.tokens[at], "is gone to with two tools (set_tcp); give each a target of its own")
-        self.found[at] = replace(target)
+        self.found[at] = target
 
     def _pose(self, at: int) -> tuple[Number, ...] | None:
         if not (self._is(at, "p") and self._is(at + 1, "[")):
