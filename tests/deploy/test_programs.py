@@ -11,7 +11,6 @@ from urdfcal.base.errors import InputError, UrdfcalError, UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.deploy.orientations import KUKA_ANGLES, QUATERNION_W_FIRST, ROTATION_VECTOR
 from urdfcal.deploy.programs.languages import read_program
-from urdfcal.deploy.programs.scan import frame_of
 from urdfcal.deploy.targets import TargetFile, corrected
 from urdfcal.robot.robot import load_robot
 from urdfcal.robot.way import Way
@@ -173,14 +172,14 @@ def test_frames_and_tools_are_those_of_the_program(ur5: Way, tmp_path: Path) -> 
     tcp = np.eye(4)
     tcp[2, 3] = 0.1
     urscript = read("a.script", URSCRIPT, ur5, tmp_path).targets[1]
-    assert np.allclose(urscript.placement() @ tcp, frame_of([-0.4, 0.2, 0.3, 0, 3.14, 0], ROTATION_VECTOR))
+    assert np.allclose(urscript.placement() @ tcp, ROTATION_VECTOR.frame([-0.4, 0.2, 0.3, 0, 3.14, 0]))
     rapid = read("a.mod", RAPID, ur5, tmp_path).targets
     assert np.allclose((rapid[0].placement() @ tcp)[:3, 3], [1.0, -0.09, 0.3])
-    assert np.allclose(rapid[2].placement(), frame_of([1e-3, 2e-3, 3e-3, 1, 0, 0, 0], QUATERNION_W_FIRST))
+    assert np.allclose(rapid[2].placement(), QUATERNION_W_FIRST.frame([1e-3, 2e-3, 3e-3, 1, 0, 0, 0]))
     krl = read("a.src", KRL, ur5, tmp_path).targets
-    base = frame_of([0.1, 0, 0, np.pi / 2, 0, 0], KUKA_ANGLES)
-    told = frame_of([0.50025, -0.01, 0.6, 10 * DEG, 20 * DEG, -30 * DEG], KUKA_ANGLES)
-    tool = frame_of([0, 0, 0.15, 0, 0, 0], KUKA_ANGLES)
+    base = KUKA_ANGLES.frame([0.1, 0, 0, np.pi / 2, 0, 0])
+    told = KUKA_ANGLES.frame([0.50025, -0.01, 0.6, 10 * DEG, 20 * DEG, -30 * DEG])
+    tool = KUKA_ANGLES.frame([0, 0, 0.15, 0, 0, 0])
     assert np.allclose(krl[1].placement(), base @ told @ np.linalg.inv(tool))
     assert np.allclose(krl[2].T_flange_tcp[2, 3], 0.2)
     assert np.allclose(krl[2].T_base_frame, np.eye(4))
@@ -216,6 +215,15 @@ def test_what_cannot_be_resolved_is_refused(name: str, text: str, line: int, wor
         read(name, text, ur5, tmp_path)
     assert word in str(refused.value)
     assert f"{name}:{line}:" in str(refused.value)
+
+
+def test_what_is_no_program_is_refused(ur5: Way, tmp_path: Path) -> None:
+    """A file that is not there, and a device under a program's name, are refused in words."""
+    with pytest.raises(InputError, match=r"gone.script: cannot be read"):
+        read_program(tmp_path / "gone.script", ur5)
+    (tmp_path / "zero.src").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=r"zero.src: is a device, expected a regular file"):
+        read_program(tmp_path / "zero.src", ur5)
 
 
 def test_what_is_left_is_said(ur5: Way, tmp_path: Path) -> None:

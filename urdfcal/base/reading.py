@@ -12,6 +12,7 @@ from pathlib import Path
 from urdfcal.base.errors import InputError
 
 DESCRIPTION, TABLE, YAML, PICTURE = 64 << 20, 256 << 20, 16 << 20, 256 << 20  # [byte] the most that a file of each kind may have
+PROGRAM = 64 << 20
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
     (stat.S_ISCHR, "a device"),

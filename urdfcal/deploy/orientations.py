@@ -6,7 +6,7 @@ one nearest to what was read, so that a program goes on reading as it did.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +41,12 @@ class Orientation:
     def rotations(self, numbers: Matrix) -> Array3:
         """Rotation matrices of numbers, (n, count) -> (n, 3, 3)."""
         return matrices(self.quaternions(numbers))
+
+    def frame(self, values: Sequence[float] | Vector) -> Matrix:
+        """The frame (4, 4) of x, y, z and an orientation, (3 + count,), [m]."""
+        T = np.eye(4)
+        T[:3, 3], T[:3, :3] = values[:3], self.rotations(np.array(values[3:])[None])[0]
+        return T
 
     def numbers(self, R: Matrix, near: Vector) -> Vector:
         """The numbers that mean a rotation (3, 3), nearest to those that stood there, (count,)."""

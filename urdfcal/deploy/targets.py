@@ -11,6 +11,7 @@ import numpy as np
 
 from urdfcal.base.errors import InputError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
+from urdfcal.base.reading import PROGRAM, content_of
 from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, solved, spoken
 from urdfcal.deploy.orientations import Orientation
 from urdfcal.robot.urdf_xml import FARTHEST
@@ -78,9 +79,7 @@ class Target:
     def placement(self) -> Matrix:
         """Placement of the tool's link in the robot's base, (4, 4)."""
         assert self.orientation is not None
-        told = np.eye(4)
-        told[:3, 3], told[:3, :3] = self.values[:3], self.orientation.rotations(self.values[None, 3:])[0]
-        return np.asarray(self.T_base_frame @ told @ np.linalg.inv(self.T_flange_tcp))
+        return np.asarray(self.T_base_frame @ self.orientation.frame(self.values) @ np.linalg.inv(self.T_flange_tcp))
 
     def numbers_of(self, placement: Matrix) -> Vector:
         """The numbers that tell a placement of the tool's link in the robot's base."""
@@ -120,6 +119,20 @@ class TargetFile:
             pieces += [self.text[end:start], new]
             end = stop
         return "".join([*pieces, self.text[end:]]).encode(self.encoding)
+
+
+def text_of(path: Path) -> tuple[str, str]:
+    """A file's text and its encoding; controllers write UTF-8 or Latin-1.
+
+    Raises:
+        InputError: it cannot be read, or is no regular file.
+    """
+    content = content_of(path, PROGRAM)
+    encoding = "utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8"
+    try:
+        return content.decode(encoding), encoding
+    except UnicodeDecodeError:
+        return content.decode("latin-1"), "latin-1"
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix
 from urdfcal.deploy.orientations import KUKA_ANGLES
-from urdfcal.deploy.programs.scan import Program, Token, frame_of, number
+from urdfcal.deploy.programs.scan import Program, Token, number
 from urdfcal.deploy.targets import Number, Target, TargetFile
 
 COMMENT, QUOTES = ";|^&", '"'
@@ -73,7 +73,7 @@ class _Reading:
         return next((word for word in before[::-1][:1] if word in (*_MOVES, *_RELATIVE)), "")
 
     def _frame(self, each: _Aggregate) -> Matrix:
-        return frame_of([number.value for number in self._numbers(each)], KUKA_ANGLES)
+        return KUKA_ANGLES.frame([number.value for number in self._numbers(each)])
 
     def _numbers(self, each: _Aggregate) -> tuple[Number, ...]:
         return tuple(self._number(each, key, unit) for key, unit in _PLACED.items())

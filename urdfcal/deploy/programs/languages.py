@@ -12,8 +12,8 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix
 from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION_W_FIRST, Orientation
 from urdfcal.deploy.programs import fanuc, krl, rapid, urscript
-from urdfcal.deploy.programs.scan import Program, decoded, frame_of, tokens_of
-from urdfcal.deploy.targets import TargetFile
+from urdfcal.deploy.programs.scan import Program, tokens_of
+from urdfcal.deploy.targets import TargetFile, text_of
 from urdfcal.robot.way import Way
 
 
@@ -60,7 +60,7 @@ def read_program(path: Path, way: Way, frames: Sequence[str] = ()) -> TargetFile
         UsageError: a frame is not stated as the language has them.
     """
     language = LANGUAGES[path.suffix.lower()]
-    text, encoding = decoded(path)
+    text, encoding = text_of(path)
     stated = dict(_stated(each, language) for each in frames)
     found = language.read(Program(path, text, encoding, tokens_of(text, language.comment, language.quotes), len(way.names), stated))
     if not found.targets:
@@ -79,4 +79,4 @@ def _stated(text: str, language: Language) -> tuple[str, Matrix]:
     if not mark or len(values) != 3 + language.frames.count or not np.isfinite(values).all():
         raise UsageError(f"--frame {text}: expected NAME=X,Y,Z and {language.frames.name}: {3 + language.frames.count} numbers, mm and deg")
     unit = DEG if language.frames.turns else 1.0
-    return name.strip(), frame_of([value * MM for value in values[:3]] + [value * unit for value in values[3:]], language.frames)
+    return name.strip(), language.frames.frame([value * MM for value in values[:3]] + [value * unit for value in values[3:]])

@@ -13,7 +13,7 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, Mask, Matrix
 from urdfcal.deploy.orientations import QUATERNION_W_FIRST
-from urdfcal.deploy.programs.scan import Program, frame_of
+from urdfcal.deploy.programs.scan import Program
 from urdfcal.deploy.targets import Number, Target, TargetFile
 
 COMMENT, QUOTES = "!", '"'
@@ -70,7 +70,7 @@ class _Reading:
     def _pose(self, at: int) -> Matrix | None:
         parts = self.program.parts(at) if self._text(at) == "[" else []
         numbers = self._lists(parts[:2], (_PLACE, _QUATERNION)) if len(parts) == 2 else None
-        return None if numbers is None else frame_of([each.value for each in numbers], QUATERNION_W_FIRST)
+        return None if numbers is None else QUATERNION_W_FIRST.frame([each.value for each in numbers])
 
     def _lists(self, parts: Sequence[tuple[int, int]], units: Sequence[Sequence[float]]) -> tuple[Number, ...] | None:
         found: list[Number] = []

@@ -12,11 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from urdfcal.base.errors import InputError
 from urdfcal.base.geometry import Matrix
-from urdfcal.deploy.orientations import Orientation
 from urdfcal.deploy.targets import Number
 
 _TOKEN = re.compile(
@@ -149,21 +146,3 @@ class Program:
 def number(token: Token, unit: float) -> Number:
     """A token as a number."""
     return Number(token.start, token.end, unit, float(token.text) * unit)
-
-
-def frame_of(values: Sequence[float], orientation: Orientation) -> Matrix:
-    """A frame out of x, y, z and an orientation, SI, (4, 4)."""
-    T = np.eye(4)
-    T[:3, 3], T[:3, :3] = values[:3], orientation.rotations(np.array(values[3:])[None])[0]
-    return T
-
-
-def decoded(path: Path) -> tuple[str, str]:
-    """A program's text and its encoding; controllers write UTF-8 or Latin-1."""
-    content = path.read_bytes()
-    for encoding in ("utf-8-sig" if content.startswith(b"\xef\xbb\xbf") else "utf-8", "latin-1"):
-        try:
-            return content.decode(encoding), encoding
-        except UnicodeDecodeError:
-            continue
-    raise InputError("is no text", path)

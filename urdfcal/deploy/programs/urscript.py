@@ -9,7 +9,7 @@ import numpy as np
 
 from urdfcal.base.geometry import DEG, Matrix
 from urdfcal.deploy.orientations import ROTATION_VECTOR
-from urdfcal.deploy.programs.scan import Program, Token, frame_of, number
+from urdfcal.deploy.programs.scan import Program, Token, number
 from urdfcal.deploy.targets import Number, Target, TargetFile
 
 COMMENT, QUOTES = "#", "\"'"
@@ -43,7 +43,7 @@ class _Reading:
         token, parts = self.tokens[index], self.program.parts(index + 1)
         if token.text == "set_tcp":
             numbers = self._pose(parts[0][0]) if parts else None
-            self.tcp = None if numbers is None else frame_of([each.value for each in numbers], ROTATION_VECTOR)
+            self.tcp = None if numbers is None else ROTATION_VECTOR.frame([each.value for each in numbers])
         for start, _ in parts[: _MOVES.get(token.text, 0)]:
             self._target(start, token)
 
