@@ -90,6 +90,21 @@ def test_more_than_chance_is_said_to_differ(arm: Robot, rng: np.random.Generator
     assert compare(Account("a", arm), Account("b", other), "slm", rng).same is None
 
 
+def test_what_nobody_estimated_is_not_booked_on_its_neighbours(arm: Robot, rng: np.random.Generator) -> None:
+    """A joint that is in neither account's covariance has its difference without a sigma, and the others are as far apart as they say."""
+    sigma = 1e-4
+    sure = known(arm, sigma)
+    own = [index for index, name in enumerate(sure.names) if not name.startswith("joint3.")]
+    names, screws = tuple(sure.names[index] for index in own), sure.screws[:, own]
+    origins = {name: origin for name, origin in sure.origins.items() if name != "joint3"}
+    part = EarlierJoints(names, sure.sigma[own], screws, sure.covariance[np.ix_(own, own)], origins)
+    drawn = {joint: rng.normal(0.0, sigma, 6) for joint in JOINTS} | {"joint3": np.full(6, 5e-3)}
+    rows = {row.name: row for row in compare(Account("a", arm, part), Account("b", moved(arm, drawn)), "slm", rng, 50).joints}
+    assert (rows["joint3"].distance_sigma, rows["joint3"].angle_sigma) == (None, None)
+    assert rows["joint3"].distance > 2e-3
+    assert all(row.sigmas < 5 for name, row in rows.items() if name not in ("joint3", "slm"))
+
+
 def test_two_robots_are_not_compared(arm: Robot, rng: np.random.Generator) -> None:
     """A joint that slides in one and turns in the other is named."""
     joint = replace(arm.tree.joints["joint3"], type="prismatic")

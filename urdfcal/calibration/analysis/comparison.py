@@ -8,7 +8,8 @@ be booked on the joint or on the one behind,
     A_i exp(s),  exp(-s) A_i+1 = A_i+1 exp(-Ad(A_i+1^-1) s).
 
 With these pairs as the columns of G the difference is told as P d, P = I - G G^+: the least of all that are the same robot. It has
-covariance P (S_a + S_b) P', where S are the covariances of either's twists, independent of each other.
+covariance P (S_a + S_b) P', where S are the covariances of either's twists, independent of each other. Placements that neither has
+estimated may be anywhere: they are told as they are, and G has all their twists where the others' differences are told.
 
 At n configurations the tool moves by M d. If the two were the same but for what either does not know, the mean squared distance would be
 a sum of squares with the weights w = eig(S^(1/2) M'M/n S^(1/2)), which is told from a gamma variable of the same mean and variance:
@@ -204,25 +205,26 @@ class _Booked:
         """What each placement is called."""
         return (*(joint.name for joint in self.joints), *(() if self.way.path[-1].moves else (self.way.tool,)))
 
-    @cached_property
-    def projector(self) -> Matrix:
-        """P: what it leaves of the twists (6J,) is the least that is the same robot."""
-        columns = []
+    def projector(self, open_rows: Sequence[int] = ()) -> Matrix:
+        """P: what it leaves of the twists (6J,) is the least that is the same robot, wherever the placements of these rows are."""
+        size, columns = 6 * len(self.placements), []
         for index, joint in enumerate(self.joints[: len(self.placements) - 1]):
             for screw in _commuting(joint):
                 column = np.zeros((len(self.placements), 6))
                 column[index], column[index + 1] = screw, -self.placements[index + 1].actInv(pin.Motion(screw)).vector
                 columns.append(column.ravel())
-        G = np.array(columns).T if columns else np.zeros((6 * len(self.placements), 0))
-        return np.eye(len(G)) - G @ np.linalg.pinv(G)
+        G = np.column_stack([np.zeros((size, 0)), *columns, *(np.eye(size)[:, 6 * row : 6 * row + 6] for row in open_rows)])
+        return np.eye(size) - G @ np.linalg.pinv(G)
 
     def rows(self, twists: Vector, S: Matrix) -> tuple[JointDifference, ...]:
         """The difference joint by joint, from the twists (6J,) and their covariance (6J, 6J)."""
-        P = self.projector
-        left, covariance = (P @ twists).reshape(-1, 2, 3), P @ S @ P.T
+        unknown = [row for row in range(len(self.names)) if not S[6 * row : 6 * row + 6, 6 * row : 6 * row + 6].any()] if S.any() else []
+        P = self.projector(unknown)
+        covariance, left, plain = P @ S @ P.T, *((each @ twists).reshape(-1, 2, 3) for each in (P, self.projector()))
+        left[unknown] = plain[unknown]
         sizes = np.linalg.norm(left, axis=2).tolist()
         return tuple(
-            JointDifference(name, distance, angle, *_along(left[row], covariance, row))
+            JointDifference(name, distance, angle, *((None, None) if row in unknown else _along(left[row], covariance, row)))
             for row, (name, (distance, angle)) in enumerate(zip(self.names, sizes, strict=True))
         )
 
