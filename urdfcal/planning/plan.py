@@ -22,7 +22,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.planning.selection import exchanged, expected, greedy
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings
@@ -145,7 +145,7 @@ def plan_poses(
         raise UsageError(f"plan_poses: expected n from 1 to {len(q)}, the number of candidates, found {n}")
     H = _whitened(errors, x, _read(errors, x, q, named, setup.area), spot_sigma, sigmas, joint_sigmas(seen, joint_sigma))
     tool = default_tool(seen) if tool is None else tool
-    J = tool_jacobian(seen, errors, x, tool, _anywhere(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
+    J = tool_jacobian(seen, errors, x, tool, random_positions(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
     M = np.einsum("nij,nik->jk", J, J) / len(J)
     known = None
     if have is not None:
@@ -163,12 +163,6 @@ def _require_no_touch(sensors: Sequence[SimulatedSensor]) -> None:
             raise UsageError(f"plan_poses: {sensor.kind}:{sensor.target} touches, and which poses reach what it touches is not known here")
 
 
-def _anywhere(robot: Robot, count: int, rng: np.random.Generator) -> Matrix:
-    require_room(robot)
-    lower, upper = joint_limits(robot)
-    return rng.uniform(lower, upper, (count, len(lower)))
-
-
 def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | int, area: ScreenArea, rng: np.random.Generator) -> Matrix:
     """Positions to choose from, (m, inputs).
 
@@ -176,7 +170,11 @@ def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | in
         ShapeMismatch: they do not fit the robot.
     """
     if isinstance(candidates, int):
-        return draw_poses(robot, errors, errors.mean, candidates, rng, area=area) if robot.rig.lasers else _anywhere(robot, candidates, rng)
+        return (
+            draw_poses(robot, errors, errors.mean, candidates, rng, area=area)
+            if robot.rig.lasers
+            else random_positions(robot, candidates, rng)
+        )
     q, names = np.asarray(candidates, dtype=float), robot.chain.input_names
     if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
         raise ShapeMismatch(f"plan_poses: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")

@@ -41,7 +41,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.in_memory import is_table, measurements_from
@@ -380,7 +380,7 @@ class OnlineCalibrator:
         if self._seen is not None and self._seen.robot == robot:
             return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
         tool = default_tool(robot) if self._tool is None else self._tool
-        workspace = _anywhere(robot, self._rng) if self._asked_for is None else self._asked_for
+        workspace = random_positions(robot, WORKSPACE, self._rng) if self._asked_for is None else self._asked_for
         return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
 
     def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
@@ -504,13 +504,6 @@ class OnlineCalibrator:
         known = noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
         honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
         return replace(state, enough=self.target_mm is not None and known and honest and bool(len(self._history)) and tool < self.target_mm)
-
-
-def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
-    """Random configurations within the joints' limits, (WORKSPACE, inputs)."""
-    require_room(robot)
-    lower, upper = joint_limits(robot)
-    return rng.uniform(lower, upper, (WORKSPACE, len(lower)))
 
 
 def _worst(model: Problem, found: Estimate) -> Misfit:
