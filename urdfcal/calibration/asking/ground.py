@@ -111,7 +111,7 @@ class Ground:
         whole = Problem(errors, self.model.data).jacobian(np.array([x.get(name, 0.0) for name in errors.names]))
         if errors.names[: len(x)] == self.model.errors.names and not before:
             return whole[:, :, : len(x)], whole[:, :, len(x) :]
-        own, turned = ([errors.names.index(name) for name in names] for names in (x, [term.name for term in terms]))
+        own, turned = ([errors.column[name] for name in names] for names in (x, [term.name for term in terms]))
         return whole[:, :, own], whole[:, :, turned]
 
     @cached_property
