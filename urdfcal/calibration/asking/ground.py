@@ -20,6 +20,7 @@ from urdfcal.model.error_model import with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Term, unit_terms
 from urdfcal.robot.robot import Robot
+from urdfcal.sensors.repeats import first_rows
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Ground:
     def foretold(self, fitted: Fitted) -> float:
         """Log density of clusters of poses that are left out in turn, less what the noise's whitening adds."""
         data = self.model.data
-        first = np.unique(data.pose_of, return_index=True)[1]
+        first = first_rows(data.pose_of)
         lost = self.estimate.noise.log_determinant(self.linearisation) / 2
         return fitted.predicted(clustered(data.q[first], data.configuration_of[first]), self.rows) - lost
 
