@@ -14,6 +14,7 @@ import numpy.typing as npt
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.terminal import many
 from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
@@ -161,7 +162,7 @@ class Measurements:
     @property
     def counted(self) -> str:
         """How many poses of how many readings, in words: `60 poses`, or `60 poses (read 180 times)`."""
-        poses = f"{self.pose_count} {'pose' if self.pose_count == 1 else 'poses'}"
+        poses = many(self.pose_count, "pose")
         return f"{poses} (read {len(self)} times)" if self.again else poses
 
     @cached_property
