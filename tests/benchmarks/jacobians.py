@@ -23,7 +23,6 @@ from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.jacobian import ArmMotion, arm_motion
-from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.configurations import joint_limits
@@ -115,7 +114,7 @@ def worst(robot: urdfcal.Robot, model: str, scale: float, count: int, rng: np.ra
     q = draw(robot, errors, x, count, rng)
     if not len(q):
         return Worst(np.nan, np.nan, np.nan, len(x), count, 0)
-    witness, motion = Witness(robot, errors, q), arm_motion(ArmKinematics(robot.chain), errors, q, x)
+    witness, motion = Witness(robot, errors, q), arm_motion(errors, q, x)
     spots, _ = spots_on_screen(motion.source, motion.direction)
     blank = urdfcal.measurements_from(robot, q, spots)
     directions, of_module = np.eye(len(x)), errors.moves_laser.all(axis=0)

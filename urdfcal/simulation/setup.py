@@ -16,7 +16,7 @@ from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
 from urdfcal.calibration.reach import screen_area
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, arm_motion
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import SIX, Grid
@@ -73,9 +73,7 @@ class SimulatedSetup:
 
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = arm_motion(self.errors, q, self.x, session), self.errors.chain
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
@@ -90,9 +88,7 @@ class SimulatedSetup:
 
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = arm_motion(self.errors, q, self.x, session), self.errors.chain
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
