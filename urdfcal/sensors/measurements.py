@@ -388,8 +388,8 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
 def copies_warning(data: Measurements, fitted: Measurements) -> tuple[str, ...]:
     """Says how many rows to fit are copies of others."""
     copies = int(np.count_nonzero(data.sets == "fit")) - len(fitted)
-    many = f"{copies} rows are copies of others" if copies > 1 else "a row is a copy of another"
-    return (f"{many}, joints and readings alike; copies add nothing to what is known and were left out",) if copies else ()
+    rows = f"{copies} rows are copies of others" if copies > 1 else "a row is a copy of another"
+    return (f"{rows}, joints and readings alike; copies add nothing to what is known and were left out",) if copies else ()
 
 
 def fitted_poses_warning(fitted: Measurements, test: Measurements) -> tuple[str, ...]:
@@ -397,8 +397,8 @@ def fitted_poses_warning(fitted: Measurements, test: Measurements) -> tuple[str,
     q, sessions = np.vstack([fitted.q, test.q]), np.concatenate([fitted.sessions, test.sessions])
     poses = same_poses(q, codes(sessions))
     known = int(np.count_nonzero(np.isin(poses[len(fitted) :], poses[: len(fitted)])))
-    many = f"{known} of {len(test)} test readings were"
-    return (f"{many} made at joint positions that were fitted, too; they say little of other poses",) if known else ()
+    rows = f"{known} of {len(test)} test readings were"
+    return (f"{rows} made at joint positions that were fitted, too; they say little of other poses",) if known else ()
 
 
 def placed_by_session(data: Measurements) -> str:
