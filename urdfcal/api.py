@@ -98,6 +98,7 @@ __all__ = [
 ]
 
 P = ParamSpec("P")
+F = TypeVar("F")
 T = TypeVar("T")
 
 plan = plan_poses
@@ -298,30 +299,18 @@ class Prediction(analysis_check.Check):
         return check_card(self)
 
 
-def _predicting(numeric: Callable[P, analysis_check.Check]) -> Callable[P, Prediction]:
-    """The same call, whose result can be reported and shown."""
+def _giving(made: Callable[[F], T], numeric: Callable[P, F]) -> Callable[P, T]:
+    """The same call, with what is made of its result: what can be reported, written, shown and applied."""
 
     @wraps(numeric)
-    def predicted(*arguments: P.args, **options: P.kwargs) -> Prediction:
-        return Prediction.of(numeric(*arguments, **options))
+    def given(*arguments: P.args, **options: P.kwargs) -> T:
+        return made(numeric(*arguments, **options))
 
-    return predicted
-
-
-check = _predicting(analysis_check.check)
+    return given
 
 
-def _calibrating(numeric: Callable[P, FitResult]) -> Callable[P, Calibration]:
-    """The same call, whose result can be written, shown and applied."""
-
-    @wraps(numeric)
-    def calibrated(*arguments: P.args, **options: P.kwargs) -> Calibration:
-        return Calibration.of(numeric(*arguments, **options))
-
-    return calibrated
-
-
-fit = _calibrating(fitting.fit)
+check = _giving(Prediction.of, analysis_check.check)
+fit = _giving(Calibration.of, fitting.fit)
 
 
 def _checked(read: Callable[P, T]) -> Callable[P, T]:

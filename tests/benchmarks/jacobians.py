@@ -22,12 +22,11 @@ import urdfcal
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.jacobian import ArmMotion, arm_motion
-from urdfcal.model.kinematics import ArmKinematics
+from urdfcal.model.jacobian import arm_motion
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.slots import MODELS
 from urdfcal.robot.configurations import joint_limits
-from urdfcal.sensors.spots import spot_jacobian, spots_on_screen
+from urdfcal.sensors.spots import Beams, beams_in, spot_jacobian
 
 Array = npt.NDArray[np.float64]
 
@@ -79,12 +78,12 @@ def derivative(function: Callable[[float], Array]) -> Array:
     return (4 * fine - coarse) / 3
 
 
-def twisted_spots(motion: ArmMotion, twist: Array) -> Array:
+def twisted_spots(beams: Beams, twist: Array) -> Array:
     """Spots after the lasers were turned about the screen's origin and shifted."""
     v, w = twist[:3], twist[3:]
     angle = np.linalg.norm(w)
     rotate = (lambda p: p) if angle == 0 else (lambda p: rodrigues(w / angle, angle, p))
-    source, direction = rotate(motion.source) + v, rotate(motion.direction)
+    source, direction = rotate(beams.source) + v, rotate(beams.direction)
     return (source - source[..., :1] / direction[..., :1] * direction)[..., 1:]
 
 
@@ -115,17 +114,17 @@ def worst(robot: urdfcal.Robot, model: str, scale: float, count: int, rng: np.ra
     q = draw(robot, errors, x, count, rng)
     if not len(q):
         return Worst(np.nan, np.nan, np.nan, len(x), count, 0)
-    witness, motion = Witness(robot, errors, q), arm_motion(ArmKinematics(robot.chain), errors, q, x)
-    spots, _ = spots_on_screen(motion.source, motion.direction)
+    witness, motion = Witness(robot, errors, q), arm_motion(errors, q, x)
+    beams, of_module = beams_in(robot.chain, motion), errors.moves()[robot.chain.laser_frames].all(axis=0)
+    spots, directions = beams.spots, np.eye(len(x))
     blank = urdfcal.measurements_from(robot, q, spots)
-    directions, of_module = np.eye(len(x)), errors.moves_laser.all(axis=0)
     jac1 = np.stack([witness.spatial_twists(x, direction) for direction in directions[of_module]], axis=-1)
-    jac2 = np.stack([derivative(lambda step, one=one: twisted_spots(motion, step * one)) for one in np.eye(6)], axis=-1)
+    jac2 = np.stack([derivative(lambda step, one=one: twisted_spots(beams, step * one)) for one in np.eye(6)], axis=-1)
     J = np.stack([derivative(lambda step, one=one: witness.spots(x + step * one)) for one in directions], axis=-1)
     there = Problem(errors, blank).linearise(x)
     return Worst(
         relative(motion.jac1[..., of_module], jac1),
-        relative(spot_jacobian(spots, motion.direction), jac2),
+        relative(spot_jacobian(spots, beams.direction), jac2),
         relative(there.jacobian.reshape(J.shape), J),
         len(x),
         count,

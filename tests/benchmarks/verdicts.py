@@ -36,7 +36,7 @@ from urdfcal.base.rotations import skew
 from urdfcal.calibration.analysis.prediction import base_link, default_tool
 from urdfcal.calibration.analysis.verdict import Verdict, verdict_of
 from urdfcal.calibration.reach import draw_poses
-from urdfcal.robot.configurations import joint_limits, whole_configurations
+from urdfcal.robot.configurations import joint_limits, random_positions, whole_configurations
 from urdfcal.robot.corrections import OriginCorrection, corrected_model
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements, spots_measured
@@ -44,7 +44,7 @@ from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS as HOW
 from urdfcal.sensors.sensor import View
 from urdfcal.simulation.readings import ReadingNoise, simulate
-from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSetup, parse_sensors, random_positions, seen_with, simulated_setup
+from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSetup, parse_sensors, seen_with, simulated_setup
 from urdfcal.simulation.truth import random_truth
 
 ROBOTS = Path(__file__).parents[2] / "robots"
@@ -120,7 +120,7 @@ def drawn_positions(setup: SimulatedSetup, sensor: str, way: str, poses: int, rn
     def anywhere(count: int) -> Matrix:
         if sensor == "laser":
             return draw_poses(setup.robot, setup.errors, setup.x, count, rng)
-        return random_positions(setup, count, rng)
+        return random_positions(setup.robot, count, rng)
 
     if way == "repeated":
         few = anywhere(int(rng.integers(1, 6)))

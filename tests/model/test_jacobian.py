@@ -28,12 +28,12 @@ def test_jacobians_are_derivatives(robots: dict[str, Robot], name: str, model: s
     robot = robots[name]
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model=model, estimate=("beams4", "screen")))
     x = rng.normal(0, scale, len(errors.names)) if scale else np.zeros(len(errors.names))
-    q, arm = poses_in_view(robot, errors, x, 5, rng), ArmKinematics(robot.chain)
+    q = poses_in_view(robot, errors, x, 5, rng)
 
     def spots(state: np.ndarray) -> np.ndarray:
-        return beams_in(robot.chain, arm_motion(arm, errors, q, state)).spots
+        return beams_in(robot.chain, arm_motion(errors, q, state)).spots
 
-    motion = arm_motion(arm, errors, q, x)
+    motion = arm_motion(errors, q, x)
     jacobian = spot_jacobian(spots(x), beams_in(robot.chain, motion).direction) @ motion.jac1[:, None]
     jacobian *= errors.placements(x).moves[robot.chain.laser_frames][:, None, :]
     expected = central_differences(spots, x, step=1e-5)
@@ -47,13 +47,13 @@ def test_joint_jacobian_is_the_derivative_by_q(robots: dict[str, Robot], name: s
     """The twist per measured joint moves the spots as differences in q do."""
     robot = robots[name]
     errors = build_error_model(robot.chain, robot.rig)
-    x, arm = rng.normal(0, 0.01, len(errors.names)), ArmKinematics(robot.chain)
+    x = rng.normal(0, 0.01, len(errors.names))
     q = poses_in_view(robot, errors, x, 1, rng)[0]
 
     def spots(positions: np.ndarray) -> np.ndarray:
-        return beams_in(robot.chain, arm_motion(arm, errors, positions[None], x)).spots[0]
+        return beams_in(robot.chain, arm_motion(errors, positions[None], x)).spots[0]
 
-    motion = arm_motion(arm, errors, q[None], x)
+    motion = arm_motion(errors, q[None], x)
     direction = beams_in(robot.chain, motion).direction
     jacobian = spot_jacobian(spots(q)[None], direction)[0] @ motion.axis_twists @ robot.chain.coupling.T
     np.testing.assert_allclose(jacobian, central_differences(spots, q), rtol=1e-7, atol=1e-8)
@@ -65,7 +65,7 @@ def test_twists_are_pinocchios_regressor(robots: dict[str, Robot], name: str, rn
     robot = robots[name]
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="placement"))
     q = rng.uniform(-1, 1, (1, len(robot.chain.inputs)))
-    motion = arm_motion(ArmKinematics(robot.chain), errors, q, np.zeros(len(errors.names)))
+    motion = arm_motion(errors, q, np.zeros(len(errors.names)))
     model, data = robot.model, robot.model.createData()
     full = pin.neutral(model)
     for joint, value in zip(robot.chain.inputs, q[0], strict=True):

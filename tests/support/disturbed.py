@@ -13,10 +13,11 @@ from urdfcal.base.geometry import DEG, MM, Matrix, Vector
 from urdfcal.calibration.problem import Channel, Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
+from urdfcal.robot.configurations import random_positions
 from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.sensor import View
 from urdfcal.simulation.readings import ReadingNoise, simulate_readings
-from urdfcal.simulation.setup import SimulatedSetup, parse_sensors, random_positions, seen_with, simulated_setup
+from urdfcal.simulation.setup import SimulatedSetup, parse_sensors, seen_with, simulated_setup
 from urdfcal.simulation.truth import SagScales, random_truth, soft_truth
 
 NOISE = ReadingNoise(spot=0.5 * MM, length=0.1 * MM, angle=0.02 * DEG)
@@ -90,7 +91,7 @@ def disturbed_arm(
         errors, x = soft_truth(robot, errors, x, SagScales(own=size, across=size / 2), rng)
     setup = simulated_setup(robot, errors, x, sensors, rng)
     total = poses + unseen
-    q = draw_poses(robot, errors, x, total, rng) if lasers else random_positions(setup, total, rng)
+    q = draw_poses(robot, errors, x, total, rng) if lasers else random_positions(setup.robot, total, rng)
     blank = replace(simulate_readings(setup, total, rng), q=q)
     real = _Real(setup, what, size, rng)
     clock = np.concatenate([np.linspace(-0.5, 0.5, poses), np.zeros(unseen)])

@@ -72,7 +72,7 @@ class Channel:
         """Columns of x that each pose's place has, (n, a); those of the first place where the pose touches none; -1 if they are held."""
         if not self._places:
             return np.empty((len(self.readings.labels), 0), dtype=int)
-        column = {name: index for index, name in enumerate(self.errors.names)}
+        column = self.errors.column
         table = np.array([[column.get(f"{place.name}.{name}", -1) for name in place.names] for place in self._places])
         return np.asarray(table[self._place_of_pose])
 
@@ -133,7 +133,7 @@ class Channel:
     @cached_property
     def _rig_columns(self) -> list[int]:
         """Columns of x that are the rig's."""
-        return [self.errors.names.index(term.name) for term in self.errors.rig.terms] if self.errors.rig is not None else []
+        return [self.errors.column[term.name] for term in self.errors.rig.terms] if self.errors.rig is not None else []
 
     def _look(self, motion: ArmMotion, rows: Rows, x: Vector) -> tuple[Look, Array3]:
         """What the sensor makes of its target at some poses, and by how much more it reads per unit of the rig's parameters."""
@@ -472,16 +472,15 @@ def _with_known(linearisation: Linearisation, known: Sequence[Known]) -> Lineari
 
 def _length_row(errors: ErrorModel, known: KnownLength, x: Vector) -> tuple[float, Vector, float]:
     """Residual, gradient and standard deviation of a known distance; its places are free, or held."""
-    column = {name: index for index, name in enumerate(errors.names)}
     ends = [[f"{place}.{axis}" for axis in "xyz"] for place in (known.one, known.other)]
-    one, other = ([x[column[name]] if name in column else errors.held.get(name, 0.0) for name in end] for end in ends)
+    one, other = ([errors.value(name, x) for name in end] for end in ends)
     apart = np.subtract(one, other)
     length = max(float(np.linalg.norm(apart)), 1e-9)
     gradient = np.zeros(len(x))
     for sign, end in zip((1.0, -1.0), ends, strict=True):
         for name, share in zip(end, apart / length, strict=True):
-            if name in column:
-                gradient[column[name]] = sign * share
+            if name in errors.column:
+                gradient[errors.column[name]] = sign * share
     return known.length - length, gradient, known.sigma
 
 

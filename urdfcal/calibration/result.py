@@ -374,10 +374,10 @@ def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> 
         raise UsageError("no laser spots were read as pixels, so the fit corrects no camera")
     camera: Any = data.camera
     names = [f"camera.{name}" for name in SIX]
-    values = [belief.x[errors.names.index(name)] if name in errors.names else errors.held.get(name, 0.0) for name in names]
+    values = [errors.value(name, belief.x) for name in names]
     T_camera_screen, twists = screen_before(camera.T_camera_screen, np.array(values))
-    free = [name for name in names if name in errors.names]
-    columns = [errors.names.index(name) for name in free]
+    free = [name for name in names if name in errors.column]
+    columns = [errors.column[name] for name in free]
     in_screen = T_camera_screen.toActionMatrixInverse() @ twists[:, [names.index(name) for name in free]]
     covariance = in_screen @ belief.P[np.ix_(columns, columns)] @ in_screen.T if columns else camera.screen_covariance
     return replace(camera, T_camera_screen=T_camera_screen, screen_rms=None, screen_covariance=covariance)

@@ -131,21 +131,25 @@ class Noise:
     def weights(self, linearisation: Linearisation) -> Weights:
         """Whitening at one linearisation."""
         if linearisation.poses is not None:
-            return self._weights_of_poses(linearisation)
+            return Weights(*self._of_poses(linearisation))
         if not self.of_joints:
             return Weights(1 / (self.of_numbers(linearisation) if linearisation.stating else self.sigma[linearisation.kinds]))
         return Weights(np.linalg.inv(np.linalg.cholesky(self.pose_covariance(linearisation))))
 
     def normal(self, linearisation: Linearisation) -> Normal:
         """The whitened normal equations of one linearisation."""
-        if linearisation.poses is None and not self.of_joints:
+        if self._a_factor_each(linearisation):
             return linearisation.sums.whitened(self.sigma[: len(linearisation.sums.plain)])
         weights = self.weights(linearisation)
         return Normal.of_rows(weights.jacobian(linearisation), weights.residual(linearisation))
 
+    def _a_factor_each(self, linearisation: Linearisation) -> bool:
+        """Whether whitening is a factor a number, so that its sums follow from those that are not whitened (`normal.py`)."""
+        return linearisation.poses is None and not self.of_joints
+
     def by_kind(self, linearisation: Linearisation) -> Iterator[Normal]:
         """The same of each kind's numbers that state no noise of their own and, last, of all that do."""
-        if linearisation.poses is None and not self.of_joints:
+        if self._a_factor_each(linearisation):
             sums = linearisation.sums
             yield from (Normal.of(own / sigma**2) for own, sigma in zip(sums.plain, self.sigma.tolist(), strict=False))
             yield Normal.of(sums.stated.sum(axis=0) + sums.known)
@@ -161,7 +165,7 @@ class Noise:
         That is the sum of their leverages.
         """
         stating = np.broadcast_to(stating, linearisation.counts.shape)
-        if linearisation.poses is None and not self.of_joints:
+        if self._a_factor_each(linearisation):
             sums = linearisation.sums
             A = np.where(stating[:, None, None], sums.stated, sums.plain / self.sigma[: len(sums.plain), None, None] ** 2)
             return np.asarray(np.tensordot(A[:, :-1, :-1], P, 2))
@@ -169,14 +173,14 @@ class Noise:
         own = linearisation.read & (np.isnan(linearisation.stated_sigma) != stating[linearisation.kinds])
         return linearisation.of_kinds(np.where(own, leverages, 0.0))
 
-    def _weights_of_poses(self, linearisation: Linearisation) -> Weights:
-        """The same where some rows are readings of one pose; they share the readings of the joints."""
+    def _of_poses(self, linearisation: Linearisation) -> tuple[Any, PoseMeans]:
+        """Factor and means of the weights where some rows are readings of one pose; they share the readings of the joints."""
         means = PoseMeans.of(linearisation, self.of_numbers(linearisation))
         variance = self._variance_of_means(linearisation, means)
         if not self.of_joints:
-            return Weights(1 / np.sqrt(variance), means)
+            return 1 / np.sqrt(variance), means
         reach = means.gathered(linearisation.joint_jacobian * self.joint_sigma)
-        return Weights(np.linalg.inv(np.linalg.cholesky(reach @ reach.transpose(0, 2, 1) + _diagonal(variance))), means)
+        return np.linalg.inv(np.linalg.cholesky(reach @ reach.transpose(0, 2, 1) + _diagonal(variance))), means
 
     def _variance_of_means(self, linearisation: Linearisation, means: PoseMeans) -> Matrix:
         """1 - rho + rho k of every number of a pose, (poses, m)."""
@@ -186,7 +190,7 @@ class Noise:
     def log_determinant(self, linearisation: Linearisation) -> float:
         """Logarithm of the determinant of the covariance of all numbers that were measured; of poses read several times, of their means."""
         if linearisation.poses is not None:
-            factor, means = self._weights_of_poses(linearisation).factor, PoseMeans.of(linearisation, self.of_numbers(linearisation))
+            factor, means = self._of_poses(linearisation)
             sizes = np.log(np.diagonal(factor, axis1=1, axis2=2) if factor.ndim == 3 else factor)
             precise = means.gathered(np.ones((*means.unit.shape, 1)))[..., 0]
             return float(-2 * np.sum(np.where(means.seen, sizes + np.log(np.where(means.seen, precise, 1.0)), 0.0)))

@@ -70,6 +70,15 @@ class ErrorModel:
         return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
+    def column(self) -> Mapping[str, int]:
+        """Where each parameter stands in x, by name."""
+        return {name: index for index, name in enumerate(self.names)}
+
+    def value(self, name: str, x: Vector) -> float:
+        """What a slot's parameter is at x, whether it is estimated or held; 0 if neither."""
+        return float(x[self.column[name]] if name in self.column else self.held.get(name, 0.0))
+
+    @cached_property
     def units(self) -> tuple[str, ...]:
         """Unit of each parameter: m or rad."""
         return tuple(parameter.unit for parameter in self.parameters)
@@ -94,7 +103,7 @@ class ErrorModel:
         """The same with other standard deviations."""
         named = zip(self.parameters, prior.sigma.tolist(), strict=True)
         other = replace(self, parameters=tuple(replace(parameter, sigma=sigma) for parameter, sigma in named))
-        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns", "arm") if name in self.__dict__})
+        other.__dict__.update({name: self.__dict__[name] for name in ("_walks", "_columns", "column", "arm") if name in self.__dict__})
         return other
 
     def check(self, x: Vector) -> Vector:
@@ -179,13 +188,12 @@ class ErrorModel:
     @cached_property
     def _columns(self) -> dict[str, list[tuple[Any, Vector]]]:
         """Per session and slot: the column of x of each coordinate (-1: held), and the values that are held."""
-        column = {name: index for index, name in enumerate(self.names)}
         plans = {}
         for session in self.sessions:
             names = iter(self._slot_names(session))
             own = [[next(names) for _ in slot.names] for slot in self.slots]
             plans[session] = [
-                (np.array([column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot]))
+                (np.array([self.column.get(name, -1) for name in slot], dtype=int), np.array([self.held.get(name, 0.0) for name in slot]))
                 for slot in own
             ]
         return plans
@@ -208,7 +216,7 @@ class ErrorModel:
     def _soft_order(self) -> tuple[list[int], Yielding]:
         """Numbers of the soft terms that are estimated, and of those that are held at something; how they yield at no pose."""
         assert self.soft is not None
-        terms, bends, column = self.soft.terms, self.soft.bend_of, {name: index for index, name in enumerate(self.names)}
+        terms, bends, column = self.soft.terms, self.soft.bend_of, self.column
         free = [number for number, term in enumerate(terms) if term.name in column]
         held = [number for number, term in enumerate(terms) if term.name not in column and self.held.get(term.name)]
         return [*free, *held], Yielding(
@@ -227,7 +235,7 @@ class ErrorModel:
     def _soft_columns(self) -> list[tuple[int, int]]:
         """Column of x and moving joint of every soft parameter."""
         terms = self.soft.terms if self.soft is not None else ()
-        return [(self.names.index(term.name), term.joint) for term in terms if term.name in self.names]
+        return [(self.column[term.name], term.joint) for term in terms if term.name in self.column]
 
     @cached_property
     def _frame_ways(self) -> list[list[_Station]]:

@@ -179,11 +179,10 @@ class Shares:
             derivatives[self.rows] *= self.factors
 
 
-def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> ArmMotion:
-    """Where the chain's frames are, and how they move with the error parameters (Jac1, equation 6).
+def arm_motion(errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> ArmMotion:
+    """Where the chain's frames are, and how they move with the error parameters (Jac1, equation 6); joints may give way.
 
     Args:
-        arm: Kinematics of the chain that the error model lies over.
         errors: Names, order and units of the parameters.
         q: Measured joint positions, (n, inputs), [rad] or [m].
         x: Error parameters, (p,), [m] and [rad] in the order of `errors.names`.
@@ -192,7 +191,7 @@ def arm_motion(arm: ArmKinematics, errors: ErrorModel, q: Matrix, x: Vector, ses
     Raises:
         ShapeMismatch: q or x does not fit this chain and error model.
     """
-    return motion_at(arm, errors.placements(x, session), arm.chain_positions(q))
+    return motion_at(errors.arm, errors.placements(x, session), errors.arm.chain_positions(q), errors.yielding_at(x, q))
 
 
 def motion_at(arm: ArmKinematics, placed: Placements, positions: Matrix, yielding: Yielding | None = None) -> ArmMotion:

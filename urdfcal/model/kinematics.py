@@ -188,12 +188,8 @@ class PlacedArm:
     @cached_property
     def actions(self) -> Array3:
         """Ad(T)' of every step: what brings derivatives by twists [v, w] from one element to the next, (elements, 6, 6)."""
-        R, p = self.steps[:, :3, :3], self.steps[:, :3, 3]
-        back, actions = R.transpose(0, 2, 1), np.zeros((len(R), 6, 6))
-        actions[:, :3, :3] = actions[:, 3:, 3:] = back
-        for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):  # R' [p]'
-            actions[:, 3:, axis] = back[:, :, i] * -p[:, j, None] + back[:, :, j] * p[:, i, None]
-        return actions
+        halves = inverse_actions(self.steps[:, :3]).reshape(-1, 2, 3, 2, 3)  # Ad(T)' is Ad(T^-1) with v and w in each other's place
+        return np.ascontiguousarray(halves[:, ::-1, :, ::-1]).reshape(-1, 6, 6)
 
     @cached_property
     def screws(self) -> Matrix:

@@ -14,7 +14,6 @@ import numpy as np
 from urdfcal.base.geometry import Matrix
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import arm_motion
-from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, Kind, Parameter
 from urdfcal.model.slots import Slot
 from urdfcal.robot.chain import Chain
@@ -42,7 +41,7 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     rng = rng or np.random.default_rng(0)
     turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
     q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
-    motion = arm_motion(ArmKinematics(chain), errors, q, np.zeros(len(errors.names)), errors.sessions[0])
+    motion = arm_motion(errors, q, np.zeros(len(errors.names)), errors.sessions[0])
     return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
 
 

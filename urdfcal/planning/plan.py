@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,11 +17,12 @@ from urdfcal.calibration.analysis.more_poses import without_lost
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.reach import draw_poses
+from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
-from urdfcal.planning.selection import exchanged, expected, greedy
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.planning.selection import exchanged, expected, greedy, information
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings
@@ -143,15 +143,19 @@ def plan_poses(
     q = _candidates(seen, errors, candidates, setup.area, rng)
     if not 1 <= n <= len(q):
         raise UsageError(f"plan_poses: expected n from 1 to {len(q)}, the number of candidates, found {n}")
-    H = _whitened(errors, x, _read(errors, x, q, named, setup.area), spot_sigma, sigmas, joint_sigmas(seen, joint_sigma))
+
+    def told(poses: Matrix) -> Array3:
+        data = _read(errors, x, poses, named, setup.area)
+        noise = noise_of(data, stated_noise(data, spot_sigma, sigmas), joint_sigmas(seen, joint_sigma))
+        return _whitened(errors, x, data, replace(noise, stated=True))
+
+    H = told(q)
     tool = default_tool(seen) if tool is None else tool
-    J = tool_jacobian(seen, errors, x, tool, _anywhere(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
-    M = np.einsum("nij,nik->jk", J, J) / len(J)
+    J = tool_jacobian(seen, errors, x, tool, random_positions(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
+    M = information(J) / len(J)
     known = None
     if have is not None:
-        measured = _candidates(seen, errors, have.q if isinstance(have, Measurements) else have, setup.area, rng)
-        rows = _whitened(errors, x, _read(errors, x, measured, named, setup.area), spot_sigma, sigmas, joint_sigmas(seen, joint_sigma))
-        known = np.einsum("nki,nkj->ij", rows, rows)
+        known = information(told(_candidates(seen, errors, have.q if isinstance(have, Measurements) else have, setup.area, rng)))
     chosen, left = exchanged(H, errors.sigma, M, greedy(H, errors.sigma, M, n, known)[0], known)
     at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False), known) for _ in range(_DRAWS)])
     return PosePlan(seen, seen.chain.input_names, q[chosen], chosen, tool, np.sqrt(left) / MM, float(np.sqrt(at_random)) / MM)
@@ -163,12 +167,6 @@ def _require_no_touch(sensors: Sequence[SimulatedSensor]) -> None:
             raise UsageError(f"plan_poses: {sensor.kind}:{sensor.target} touches, and which poses reach what it touches is not known here")
 
 
-def _anywhere(robot: Robot, count: int, rng: np.random.Generator) -> Matrix:
-    require_room(robot)
-    lower, upper = joint_limits(robot)
-    return rng.uniform(lower, upper, (count, len(lower)))
-
-
 def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | int, area: ScreenArea, rng: np.random.Generator) -> Matrix:
     """Positions to choose from, (m, inputs).
 
@@ -176,7 +174,9 @@ def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | in
         ShapeMismatch: they do not fit the robot.
     """
     if isinstance(candidates, int):
-        return draw_poses(robot, errors, errors.mean, candidates, rng, area=area) if robot.rig.lasers else _anywhere(robot, candidates, rng)
+        if not robot.rig.lasers:
+            return random_positions(robot, candidates, rng)
+        return draw_poses(robot, errors, errors.mean, candidates, rng, area=area)
     q, names = np.asarray(candidates, dtype=float), robot.chain.input_names
     if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
         raise ShapeMismatch(f"plan_poses: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
@@ -208,10 +208,7 @@ def _seen(own: Readings, read: Matrix, area: ScreenArea) -> Readings:
     return replace(own, values=np.where(good[:, None], read, np.nan))
 
 
-def _whitened(
-    errors: ErrorModel, x: Vector, data: Measurements, spot_sigma: float | None, sigmas: Mapping[str, float] | None, joint_sigma: Any
-) -> Array3:
-    """Jacobian of every candidate in units of its noise, (m, k, p)."""
-    noise = replace(noise_of(data, stated_noise(data, spot_sigma, sigmas), joint_sigma), stated=True)
+def _whitened(errors: ErrorModel, x: Vector, data: Measurements, noise: Noise) -> Array3:
+    """Jacobian of every pose in units of its noise, (m, k, p)."""
     linearisation = replace(without_lost(problem_of(errors, data, noise).linearise(x)).of_poses(len(data)), poses=None)
     return noise.weights(linearisation).jacobian(linearisation).reshape(len(data), -1, len(errors.names))

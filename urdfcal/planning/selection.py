@@ -36,8 +36,8 @@ def greedy(H: Array3, sigma: Vector, M: Matrix, n: int, known: Matrix | None = N
     Returns:
         Which candidates, (n,), in the order in which they were chosen, and tr(P M) before the first and after each, (n + 1,).
     """
-    information = np.zeros_like(M) if known is None else known
-    P = covariance(information, sigma)
+    told = np.zeros_like(M) if known is None else known
+    P = covariance(told, sigma)
     chosen: list[int] = []
     left = [float(np.sum(P * M))]
     for _ in range(n):
@@ -45,8 +45,8 @@ def greedy(H: Array3, sigma: Vector, M: Matrix, n: int, known: Matrix | None = N
         gain[chosen] = -np.inf
         best = int(np.argmax(gain))
         chosen.append(best)
-        information = information + H[best].T @ H[best]
-        P = covariance(information, sigma)
+        told = told + information(H[best])
+        P = covariance(told, sigma)
         left.append(float(np.sum(P * M)))
     return np.array(chosen, dtype=np.intp), np.array(left)
 
@@ -72,8 +72,7 @@ def exchanged(
         swapped = False
         for place in range(len(chosen)):
             others = np.delete(chosen, place)
-            rest = H[others].reshape(-1, H.shape[2])
-            gain = gains(H, covariance(before + rest.T @ rest, sigma), M)
+            gain = gains(H, covariance(before + information(H[others]), sigma), M)
             gain[others] = -np.inf
             best = int(np.argmax(gain))
             if gain[best] > gain[chosen[place]] * (1 + _ROUNDING):
@@ -82,6 +81,12 @@ def exchanged(
             break
     order, left = greedy(H[chosen], sigma, M, len(chosen), known)
     return chosen[order], left
+
+
+def information(H: Array3) -> Matrix:
+    """The sum of H'H over some poses, (..., k, p) -> (p, p)."""
+    rows = H.reshape(-1, H.shape[-1])
+    return np.asarray(rows.T @ rows)
 
 
 def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
@@ -93,5 +98,4 @@ def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
 
 def expected(H: Array3, sigma: Vector, M: Matrix, rows: npt.NDArray[np.intp], known: Matrix | None = None) -> float:
     """tr(P M) once some of the candidates were measured."""
-    stacked = H[rows].reshape(-1, H.shape[2])
-    return float(np.sum(covariance(stacked.T @ stacked + (0.0 if known is None else known), sigma) * M))
+    return float(np.sum(covariance(information(H[rows]) + (0.0 if known is None else known), sigma) * M))

@@ -56,6 +56,17 @@ def require_room(robot: Robot) -> None:
         )
 
 
+def random_positions(robot: Robot, count: int, rng: np.random.Generator) -> Matrix:
+    """Positions of the measured joints anywhere within the limits, (count, inputs), [rad] or [m].
+
+    Raises:
+        UsageError: the limits leave no room.
+    """
+    require_room(robot)
+    lower, upper = joint_limits(robot)
+    return rng.uniform(lower, upper, (count, len(lower)))
+
+
 class WholeRobot:
     """Configurations of a whole Pinocchio model; what depends on no pose is worked out once."""
 

@@ -114,7 +114,7 @@ def _columns(given: Any, beside: Mapping[str, Sequence[str] | None]) -> Cells:
     Raises:
         ShapeMismatch: they are of several lengths.
     """
-    named = [(str(name), values) for name, values in _items(given)] + [(name, own) for name, own in beside.items() if own is not None]
+    named = [*named_columns(given)] + [(name, own) for name, own in beside.items() if own is not None]
     columns: dict[str, Sequence[str]] = {}
     for name, values in (pair for own in named for pair in _by_ending(*own)):
         if name in columns:
@@ -128,12 +128,12 @@ def _columns(given: Any, beside: Mapping[str, Sequence[str] | None]) -> Cells:
     return columns
 
 
-def _items(given: Any) -> Iterator[tuple[Any, Any]]:
-    """Columns of whatever has some."""
+def named_columns(given: Any) -> Iterator[tuple[str, Any]]:
+    """Columns of whatever has some (`is_table`), with their names."""
     if not isinstance(given, Mapping) and hasattr(given, "columns"):
-        yield from ((name, given[name]) for name in given.columns)
+        yield from ((str(name), given[name]) for name in given.columns)
     else:
-        yield from (given if isinstance(given, Mapping) else given.to_dict()).items()
+        yield from ((str(name), values) for name, values in (given if isinstance(given, Mapping) else given.to_dict()).items())
 
 
 def _by_ending(name: str, values: Any) -> Iterator[tuple[str, Sequence[str]]]:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import Array3, Labels, Mask, Matrix, Vector
+from urdfcal.base.terminal import many
 from urdfcal.robot.rig import Grid, Instruments
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.readings import KnownLength, Readings, instruments_of
@@ -161,7 +162,7 @@ class Measurements:
     @property
     def counted(self) -> str:
         """How many poses of how many readings, in words: `60 poses`, or `60 poses (read 180 times)`."""
-        poses = f"{self.pose_count} {'pose' if self.pose_count == 1 else 'poses'}"
+        poses = many(self.pose_count, "pose")
         return f"{poses} (read {len(self)} times)" if self.again else poses
 
     @cached_property
@@ -387,8 +388,8 @@ def fit_and_test(data: Measurements, test: Measurements | None = None) -> tuple[
 def copies_warning(data: Measurements, fitted: Measurements) -> tuple[str, ...]:
     """Says how many rows to fit are copies of others."""
     copies = int(np.count_nonzero(data.sets == "fit")) - len(fitted)
-    many = f"{copies} rows are copies of others" if copies > 1 else "a row is a copy of another"
-    return (f"{many}, joints and readings alike; copies add nothing to what is known and were left out",) if copies else ()
+    rows = f"{copies} rows are copies of others" if copies > 1 else "a row is a copy of another"
+    return (f"{rows}, joints and readings alike; copies add nothing to what is known and were left out",) if copies else ()
 
 
 def fitted_poses_warning(fitted: Measurements, test: Measurements) -> tuple[str, ...]:
@@ -396,8 +397,8 @@ def fitted_poses_warning(fitted: Measurements, test: Measurements) -> tuple[str,
     q, sessions = np.vstack([fitted.q, test.q]), np.concatenate([fitted.sessions, test.sessions])
     poses = same_poses(q, codes(sessions))
     known = int(np.count_nonzero(np.isin(poses[len(fitted) :], poses[: len(fitted)])))
-    many = f"{known} of {len(test)} test readings were"
-    return (f"{many} made at joint positions that were fitted, too; they say little of other poses",) if known else ()
+    rows = f"{known} of {len(test)} test readings were"
+    return (f"{rows} made at joint positions that were fitted, too; they say little of other poses",) if known else ()
 
 
 def placed_by_session(data: Measurements) -> str:

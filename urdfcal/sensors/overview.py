@@ -9,6 +9,7 @@ import numpy as np
 
 from urdfcal.base.geometry import Mask
 from urdfcal.base.tables import Table
+from urdfcal.base.terminal import many
 from urdfcal.robot.configurations import has_room
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
@@ -121,7 +122,7 @@ class Overview:
         if still:
             yield f"{', '.join(still)} moved through less than {_LITTLE:.0%} of the limits: errors there show little"
         if self.data.pose_count < _FEW:
-            yield f"only {self.data.pose_count} different {'pose' if self.data.pose_count == 1 else 'poses'}: {_FEW} or more are better"
+            yield f"only {many(self.data.pose_count, 'different pose')}: {_FEW} or more are better"
         if not (self.data.sets == "test").any():
             yield "no test poses: mark some in a column 'set', or use fit --holdout 0.3"
 

@@ -22,7 +22,7 @@ import pinocchio as pin
 
 from urdfcal.base.geometry import SE3, Array3, Array4, Mask, Matrix, Vector, six_screws
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, arm_motion
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Place
 from urdfcal.sensors.pixels import PixelSensor
@@ -157,8 +157,7 @@ def beams_in(chain: Chain, motion: ArmMotion) -> Beams:
 
 def beams_at(errors: ErrorModel, x: Vector, q: Matrix, session: str | None = None) -> Beams:
     """The beams of a robot with errors x at measured joint positions q (n, inputs), in the first session unless another is named."""
-    arm, placed = errors.arm, errors.placements(x, errors.sessions[0] if session is None else session)
-    return beams_in(errors.chain, motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(x, q)))
+    return beams_in(errors.chain, arm_motion(errors, q, x, errors.sessions[0] if session is None else session))
 
 
 def _beams_seen(view: View) -> tuple[Matrix, Mask, Matrix]:

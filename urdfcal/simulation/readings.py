@@ -16,7 +16,7 @@ from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.calibration.reach import draw_where, drawn_in_view, on_screen
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import joint_limits, random_positions, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings, spots_measured
@@ -25,7 +25,7 @@ from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import View
 from urdfcal.sensors.spots import Beams, beams_at, beams_in
 from urdfcal.simulation.pictures import Subject, any_in_view
-from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup, random_positions
+from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup
 from urdfcal.simulation.touching import Touch, touching, turns_of
 
 _MOST_PICTURES = 200_000
@@ -182,7 +182,7 @@ def _one_session(
     elif setup.pictured:
         q, looked = _pictured(setup, session, poses, rng)
     else:
-        q = random_positions(setup, poses, rng)
+        q = random_positions(setup.robot, poses, rng)
     parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, max(poses, 1), CHUNK)]
     spots = np.concatenate([_spots(beams_in(setup.robot.chain, motion), setup.area) for motion, _ in parts])
     readings = []

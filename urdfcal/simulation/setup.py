@@ -16,9 +16,9 @@ from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, xyz_rpy
 from urdfcal.calibration.reach import screen_area
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmMotion, motion_at
+from urdfcal.model.jacobian import ArmMotion, arm_motion
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.sheet import ScreenArea
@@ -73,9 +73,7 @@ class SimulatedSetup:
 
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = arm_motion(self.errors, q, self.x, session), self.errors.chain
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
@@ -90,9 +88,7 @@ class SimulatedSetup:
 
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = arm_motion(self.errors, q, self.x, session), self.errors.chain
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
@@ -245,7 +241,7 @@ def _with_camera(setup: SimulatedSetup, reference_known: bool, rng: np.random.Ge
         return replace(setup, errors=replace(setup.errors, slots=tuple(slots)))
 
     at_link = stand(dict.fromkeys(setup.errors.sessions, pin.SE3.Identity()))
-    q = random_positions(setup, _LOOKED_AT, rng)
+    q = random_positions(setup.robot, _LOOKED_AT, rng)
     return stand({session: camera_place(setup.camera, at_link.subjects(q, session), rng) for session in setup.errors.sessions})
 
 
@@ -274,7 +270,7 @@ def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSe
     values, draw = dict(zip(setup.errors.names, setup.x.tolist(), strict=True)), _Draws(rng)
     axes: dict[str, Matrix] = {}
     for sensor, labels in zip(setup.sensors, place_labels(setup.sensors), strict=True):
-        points = setup.motion(random_positions(setup, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
+        points = setup.motion(random_positions(setup.robot, 1 + len(labels), rng), setup.errors.sessions[0])[1][sensor.target][0]
         for how in (SENSORS[kind] for kind in SENSOR_KINDS[sensor.kind]):
             names = {place.name: place.names for place in how.places(sensor.target, labels)}
             for name, found in how.simulated_places(sensor.target, labels, points, draw).items():
@@ -295,14 +291,3 @@ class _Draws:
 
     def axes(self) -> Matrix:
         return np.asarray(_somewhere(self.rng, 0.0).rotation)
-
-
-def random_positions(setup: SimulatedSetup, count: int, rng: np.random.Generator) -> Matrix:
-    """Joint positions anywhere within the limits, (count, inputs).
-
-    Raises:
-        UsageError: the limits leave no room.
-    """
-    require_room(setup.robot)
-    lower, upper = joint_limits(setup.robot)
-    return rng.uniform(lower, upper, (count, len(lower)))

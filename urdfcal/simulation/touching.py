@@ -9,10 +9,10 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix, Vector
-from urdfcal.robot.configurations import joint_limits
+from urdfcal.robot.configurations import joint_limits, random_positions
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import point_jacobian
-from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, place_labels, random_positions
+from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, place_labels
 
 _ROUNDS, _LONGEST_STEP, _DAMPING = 40, 0.5, 1e-9  # of Newton's method; steps in [rad] and [m]
 _REACHED = 1e-11  # [m] how near a touch must come to its place
@@ -63,7 +63,7 @@ def touching(setup: SimulatedSetup, session: str, touches: Sequence[Touch], off:
     while len(open_) and drawn < max(_MOST_DRAWS, 20 * len(wanted)):
         rows = open_[:_AT_ONCE]
         rows = np.resize(rows, max(len(rows), min(_AT_ONCE, 64)))
-        found, there = _newton(setup, session, [wanted[row] for row in rows], random_positions(setup, len(rows), rng))
+        found, there = _newton(setup, session, [wanted[row] for row in rows], random_positions(setup.robot, len(rows), rng))
         q[rows[there]] = found[there]
         open_, drawn = np.setdiff1d(open_, rows[there]), drawn + len(rows)
     if len(open_):

@@ -23,7 +23,7 @@ from urdfcal.model.gravity import Gravity, WeighedRobot, parse_gravity, parse_pa
 from urdfcal.model.options import ModelOptions, parse_prior
 from urdfcal.model.slots import MODELS
 from urdfcal.model.softness import Term, extra_terms, gravity_terms
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import FARTHEST
 
@@ -144,10 +144,8 @@ def soft_truth(robot: Robot, errors: ErrorModel, x: Vector, scales: SagScales, r
     Raises:
         UsageError: a payload hangs on no link of this robot, gravity bends none of its joints, or their limits leave no room.
     """
-    require_room(robot)
+    drawn = random_positions(robot, _CONFIGURATIONS, rng)
     weighed = WeighedRobot(robot, scales.gravity)
-    lower, upper = joint_limits(robot)
-    drawn = rng.uniform(lower, upper, (_CONFIGURATIONS, len(lower)))
     terms = [*gravity_terms(robot.chain, weighed.moments(drawn)), *extra_terms(robot.chain, ["eccentricity"])]
     terms = [term for term in terms if scales.sigma(term)]
     if not any(term.largest for term in terms) and (scales.own or scales.across):

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
-from urdfcal.base.terminal import rounded
+from urdfcal.base.terminal import many, rounded
 from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
@@ -41,10 +41,10 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
-from urdfcal.sensors.in_memory import is_table, measurements_from
+from urdfcal.sensors.in_memory import is_table, measurements_from, named_columns
 from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
 from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_for, noise_of, states_all, stating_kinds
@@ -117,7 +117,7 @@ class OnlineState:
         """In a line."""
         accuracy = f"tool predicted to be {rounded(self.tool_sigma_mm, 3)} mm off (RMS), {rounded(self.tool_sigma_max_mm, 3)} mm at worst"
         said = "".join(f"; {words}" for words in ("enough" if self.enough else "", self.skipped, self.waiting) if words)
-        return f"<{type(self).__name__} after {self.poses} {'pose' if self.poses == 1 else 'poses'}: {accuracy}{shown(said)}>"
+        return f"<{type(self).__name__} after {many(self.poses, 'pose')}: {accuracy}{shown(said)}>"
 
 
 class OnlineCalibrator:
@@ -212,7 +212,7 @@ class OnlineCalibrator:
     def __repr__(self) -> str:
         """In a line."""
         state = self._state
-        words = f"after {state.poses} {'pose' if state.poses == 1 else 'poses'}" if state is not None else "before any pose"
+        words = f"after {many(state.poses, 'pose')}" if state is not None else "before any pose"
         waiting = f", {len(self._waiting)} waiting" if self._waiting else ""
         return f"<{type(self).__name__} of {shown(self.robot.name)} {words}{waiting}>"
 
@@ -280,12 +280,12 @@ class OnlineCalibrator:
         """What was given, as measurements."""
         label = [str(self._taken + 1)]
         if is_table(q):
-            table = _as_rows({str(name): q[name] for name in (q.columns if hasattr(q, "columns") else q.keys())})
+            table = _as_rows(dict(named_columns(q)))
             number = None if "pose" in table or len(next(iter(table.values()), ())) > 1 else label
             return measurements_from(self.robot, table, readings, poses=number, **self._how)
         positions = np.asarray(q, dtype=float)[None]
         if is_table(readings):
-            one = {name: np.asarray(value)[None] for name, value in dict(readings).items()}
+            one = {name: np.asarray(value)[None] for name, value in named_columns(readings)}
             return measurements_from(self.robot, positions, one, poses=label, **self._how)
         places, expected = np.asarray(readings, dtype=float), (len(self.robot.rig.lasers), 2)
         if places.shape != expected:
@@ -380,7 +380,7 @@ class OnlineCalibrator:
         if self._seen is not None and self._seen.robot == robot:
             return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
         tool = default_tool(robot) if self._tool is None else self._tool
-        workspace = _anywhere(robot, self._rng) if self._asked_for is None else self._asked_for
+        workspace = random_positions(robot, WORKSPACE, self._rng) if self._asked_for is None else self._asked_for
         return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
 
     def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
@@ -424,7 +424,7 @@ class OnlineCalibrator:
         numbers, needed = sum(pose.numbers for _, pose in self._waiting), ceil(_PLENTY * wide) + len(new) - wide
         if numbers < needed or (wide and len(self._waiting) < _LEAST_POSES):
             what = ", ".join(dict.fromkeys(parameter.name.rpartition(".")[0] for parameter in new))
-            poses = f"{len(self._waiting)} {'pose waits' if len(self._waiting) == 1 else 'poses wait'}"
+            poses = f"{many(len(self._waiting), 'pose')} {'waits' if len(self._waiting) == 1 else 'wait'}"
             raise NotYet(
                 f"{poses} until {what} can be placed: {numbers} numbers were read, it takes {needed} in {_LEAST_POSES} poses or more"
             )
@@ -504,13 +504,6 @@ class OnlineCalibrator:
         known = noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
         honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
         return replace(state, enough=self.target_mm is not None and known and honest and bool(len(self._history)) and tool < self.target_mm)
-
-
-def _anywhere(robot: Robot, rng: np.random.Generator) -> Matrix:
-    """Random configurations within the joints' limits, (WORKSPACE, inputs)."""
-    require_room(robot)
-    lower, upper = joint_limits(robot)
-    return rng.uniform(lower, upper, (WORKSPACE, len(lower)))
 
 
 def _worst(model: Problem, found: Estimate) -> Misfit:

@@ -111,8 +111,7 @@ class SagFit:
     @property
     def soft_values(self) -> dict[str, tuple[float, float]]:
         """Value and standard deviation of every soft parameter, by name."""
-        sigma = np.sqrt(np.diag(self.estimate.belief.P))
-        column = {name: index for index, name in enumerate(self.errors.names)}
+        sigma, column = np.sqrt(np.diag(self.estimate.belief.P)), self.errors.column
         return {
             term.name: (float(self.estimate.belief.x[column[term.name]]), float(sigma[column[term.name]])) for term in self.softness.terms
         }
@@ -188,7 +187,7 @@ class _Fitted:
     @property
     def bends(self) -> float:
         """How surely the joints bend the way that gravity pulls them: weighted sum of deflections over its standard deviation, [sigmas]."""
-        own = [self.errors.names.index(term.name) for term in self.terms if term.largest]
+        own = [self.errors.column[term.name] for term in self.terms if term.largest]
         P = self.estimate.belief.P[np.ix_(own, own)]
         weights = 1 / np.diag(P)
         return float(weights @ self.estimate.belief.x[own] / np.sqrt(weights @ P @ weights)) if own else 0.0

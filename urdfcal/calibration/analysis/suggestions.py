@@ -27,7 +27,6 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, missing_screen_parameters
 from urdfcal.model.jacobian import arm_motion
-from urdfcal.model.kinematics import ArmKinematics
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import joint_limits
@@ -212,7 +211,7 @@ def _second_beam(trial: Trial) -> Iterator[tuple[str, Matrix]]:
     if (np.count_nonzero(data.seen, axis=1) > 1).any() or any(parameter.kind == "beam" for parameter in errors.parameters):
         return
     seen = int(np.argmax(data.seen.any(axis=0)))
-    motion = arm_motion(ArmKinematics(errors.chain), errors, data.q, errors.mean, errors.sessions[0])
+    motion = arm_motion(errors, data.q, errors.mean, errors.sessions[0])
     own = motion.frames[errors.chain.laser_frames[seen]]
     for angle, axis in product(_SPREADS, (X, Y)):
         beams = beams_of(own[:, None, :, 3], (own[:, :, :3] @ pin.exp3(axis * angle)[:, 2])[:, None])

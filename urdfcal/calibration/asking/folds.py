@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Matrix
+from urdfcal.sensors.repeats import first_rows
 
 Rows = npt.NDArray[np.intp]
 
@@ -21,7 +22,7 @@ def clustered(q: Matrix, configuration_of: Rows) -> list[Rows]:
     """
     spread = np.ptp(q, axis=0)
     scaled = q / np.where(spread > 0, spread, 1.0)
-    first = np.unique(configuration_of, return_index=True)[1]
+    first = first_rows(configuration_of)
     parts = [np.arange(len(first))]
     while len(parts) < _FOLDS:
         largest = max(range(len(parts)), key=lambda number: len(parts[number]))

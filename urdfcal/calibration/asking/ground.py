@@ -20,6 +20,7 @@ from urdfcal.model.error_model import with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Term, unit_terms
 from urdfcal.robot.robot import Robot
+from urdfcal.sensors.repeats import first_rows
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Ground:
     def foretold(self, fitted: Fitted) -> float:
         """Log density of clusters of poses that are left out in turn, less what the noise's whitening adds."""
         data = self.model.data
-        first = np.unique(data.pose_of, return_index=True)[1]
+        first = first_rows(data.pose_of)
         lost = self.estimate.noise.log_determinant(self.linearisation) / 2
         return fitted.predicted(clustered(data.q[first], data.configuration_of[first]), self.rows) - lost
 
@@ -111,7 +112,7 @@ class Ground:
         whole = Problem(errors, self.model.data).jacobian(np.array([x.get(name, 0.0) for name in errors.names]))
         if errors.names[: len(x)] == self.model.errors.names and not before:
             return whole[:, :, : len(x)], whole[:, :, len(x) :]
-        own, turned = ([errors.names.index(name) for name in names] for names in (x, [term.name for term in terms]))
+        own, turned = ([errors.column[name] for name in names] for names in (x, [term.name for term in terms]))
         return whole[:, :, own], whole[:, :, turned]
 
     @cached_property

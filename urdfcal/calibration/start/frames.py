@@ -23,7 +23,7 @@ from urdfcal.base.closed_form import (
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import SE3, Array3, Labels, Mask, Matrix
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import motion_at
+from urdfcal.model.jacobian import arm_motion
 from urdfcal.model.parameters import DEFAULT_PRIORS, INSTRUMENTS, PriorScale
 from urdfcal.model.slots import Slot
 from urdfcal.robot.rig import SIX
@@ -176,8 +176,7 @@ def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
 
 def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
     """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
-    arm, placed = errors.arm, errors.placements(errors.mean, session)
-    motion = motion_at(arm, placed, arm.chain_positions(q))
+    motion = arm_motion(errors, q, errors.mean, session)
     origin, axes = motion.seen(errors.chain.frame_index("target", target), errors.chain.measuring_frame)
     return axes, origin
 

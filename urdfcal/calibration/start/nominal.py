@@ -75,7 +75,7 @@ def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps
     if alone.names:
         prior = Belief.independent(alone.mean, alone.sigma)
         found = iterated_schedule(problem_of(alone, data, noise).linearise, prior, noise, max_sweeps=max_sweeps).belief.x
-        x[[errors.names.index(name) for name in alone.names]] = found
+        x[[errors.column[name] for name in alone.names]] = found
         return NominalFit(errors, alone, found, x, noise, data.kinds)
     return NominalFit(errors, alone, np.empty(0), x, noise, data.kinds)
 
