@@ -34,6 +34,8 @@ from urdfcal.vision.camera.boards import BoardView
 
 DECISIVE = 6.0  # of BIC (Kass and Raftery 1995: "strong")
 PRIOR = 10.0  # numbers that a view's variance is drawn to that of all views by
+ALONE = 1e-9  # of what is known of a direction: others tell no more of it than rounding does
+ROUNDING = 1e-15  # of an information matrix's largest eigenvalue, units made alike
 CHANCE = 1.0  # standard deviations by which views must disagree for it to be believed
 _SWEEPS, _HALVINGS, _STILL = 30, 8, 1e-9
 _POSE = 6
@@ -107,7 +109,8 @@ class _Look:
 
 def covariance_of(bundle: Bundle, looks: Sequence[_Look]) -> Matrix:
     """Of the lens, the poses eliminated, (k, k)."""
-    return _inverse(_information(looks, bundle.variances))
+    W = _whitener(_information(looks, bundle.variances))
+    return W @ W.T
 
 
 def excess_between_views(bundle: Bundle, looks: Sequence[_Look]) -> Vector:
@@ -115,21 +118,25 @@ def excess_between_views(bundle: Bundle, looks: Sequence[_Look]) -> Vector:
 
     For each number of the lens its own, and no less than that of all of them together.
     """
-    P, S = covariance_of(bundle, looks), _information(looks, bundle.variances)
-    apart, scatter, found, expected, variance = np.zeros(len(P)), np.zeros(len(P)), 0.0, 0.0, 0.0
+    W = _whitener(_information(looks, bundle.variances))
+    apart, scatter, found, expected, variance = np.zeros(len(W)), np.zeros(len(W)), 0.0, 0.0, 0.0
     for look, own in zip(looks, bundle.variances, strict=True):
-        S_v = look.followed.T @ look.followed / own
-        without = _inverse(S - S_v)
-        d, C_v = without @ (look.followed.T @ look.residual) / own, without @ S_v @ P
-        apart, scatter = apart + d**2, scatter + np.diag(C_v)
-        found, expected, variance = found + float(d @ S @ d), expected + _trace(S @ C_v), variance + 2 * _trace(S @ C_v @ S @ C_v)
+        seen = W.T @ look.followed.T / np.sqrt(own)
+        share, V = np.linalg.eigh(seen @ seen.T)
+        without = _left_out(share)
+        beyond = without * share
+        d = V @ (without * (V.T @ (seen @ look.residual))) / np.sqrt(own)
+        apart, scatter = apart + (W @ d) ** 2, scatter + (W @ V) ** 2 @ beyond
+        found, expected, variance = found + float(d @ d), expected + float(beyond.sum()), variance + 2 * float(beyond @ beyond)
     if not expected > 0 or found <= expected + CHANCE * np.sqrt(variance):
-        return np.ones(len(P))
-    return np.maximum(apart / scatter, found / expected)
+        return np.ones(len(W))
+    return np.maximum(np.divide(apart, scatter, out=np.zeros(len(W)), where=scatter > 0), found / expected)
 
 
-def _trace(matrix: Matrix) -> float:
-    return float(np.trace(matrix))
+def _left_out(share: Vector) -> Vector:
+    """1 / (1 - share): by how much a direction's variance grows without a view; 0 where no other view tells anything of it."""
+    rest = 1 - np.clip(share, 0, 1)
+    return np.where(rest > ALONE, 1 / np.maximum(rest, ALONE), 0.0)
 
 
 def with_variances(bundle: Bundle) -> Bundle:
@@ -216,10 +223,12 @@ def _information(looks: Sequence[_Look], variances: Vector) -> Matrix:
     return np.asarray(sum(look.followed.T @ look.followed / variance for look, variance in zip(looks, variances, strict=True)))
 
 
-def _inverse(information: Matrix) -> Matrix:
-    """Of a matrix whose numbers have many units."""
+def _whitener(information: Matrix) -> Matrix:
+    """W with W W^T the inverse of a matrix whose numbers have many units, and W^T `information` W = 1, (k, rank)."""
     scale = 1 / np.sqrt(np.diag(information))
-    return np.asarray(scale[:, None] * np.linalg.pinv(scale[:, None] * information * scale, hermitian=True) * scale)
+    size, V = np.linalg.eigh(scale[:, None] * information * scale)
+    kept = size > ROUNDING * size[-1]
+    return np.asarray(scale[:, None] * V[:, kept] / np.sqrt(size[kept]))
 
 
 def _skew(points: Matrix) -> Array3:
