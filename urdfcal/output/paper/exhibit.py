@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from urdfcal.base.terminal import decimals
 from urdfcal.output.report.document import Table
 
 PUBLISHED, HERE, DIFFERENCE, RATIO = "published", "here", "difference", "ratio"
@@ -57,17 +58,12 @@ def ratio(ours: float, published: float) -> str:
     return f"{times:.2f}" if times < 10 else f"{times:.0f}"
 
 
-def plain(value: float, digits: int) -> str:
-    """A number with so many decimals; never a zero below zero."""
-    return f"{value:.{digits}f}" if round(value, digits) else f"{0:.{digits}f}"
-
-
 def three_lines(name: str, published: Sequence[float] | None, here: Sequence[float] | None, digits: int) -> list[tuple[str, ...]]:
     """Published, ours and the difference one below the other; of what only one side has, the others are left open."""
     width = len(published or here or ())
 
     def line(label: str, what: str, values: Sequence[float] | None) -> tuple[str, ...]:
-        return (label, what, *((NONE,) * width if values is None else (plain(value, digits) for value in values)))
+        return (label, what, *((NONE,) * width if values is None else (decimals(value, digits) for value in values)))
 
     apart = None if published is None or here is None else [own - theirs for own, theirs in zip(here, published, strict=True)]
     return [line(name, PUBLISHED, published), line("", HERE, here), line("", DIFFERENCE, apart)]
