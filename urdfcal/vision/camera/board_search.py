@@ -18,12 +18,11 @@ from functools import partial
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.estimation.chi_squared import median, quantile
 from urdfcal.sensors.camera import Camera
-from urdfcal.vision.camera.boards import CharucoBoard, Chessboard, settled_corners
+from urdfcal.vision.camera.boards import CharucoBoard, Chessboard, Numbers, settled_corners
 from urdfcal.vision.camera.corner_noise import corner_sigmas, picture_noise
 from urdfcal.vision.camera.markers import ScreenMarkers, aruco_dictionary, find_markers
 from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
@@ -38,7 +37,6 @@ _WORST_RMS_PX = 2.0  # of corners that were found rightly, by a lens that is the
 _REACH = 0.3  # of the way to the next corner
 _INSIDE = 0.9  # of the white or black that a corner has around it
 _TAG_SIGMA_PX = 0.05  # of a tag's corner at least: the lens bends the edges whose crossing it is
-Numbers = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,8 @@ from urdfcal.base.geometry import MM, Array3, Matrix, Vector
 from urdfcal.vision.camera.markers import aruco_dictionary, dictionary_names
 from urdfcal.vision.pictures import Grey
 
+Numbers = npt.NDArray[np.intp]  # of a board's corners
+
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "": 1.0}
 _LENGTH = r"(\d+(?:\.\d+)?)(mm|cm|m|)"
 _MOST_CORNERS = 100
@@ -169,40 +171,26 @@ class CharucoBoard:
 
     def find(self, picture: Grey, name: str) -> BoardView | str:
         """Those of its corners that are seen, or why too few are."""
-        views = [self._find(picture, name, legacy) for legacy in ((False,) if self.rows % 2 else (False, True))]
-        best = max(views, key=lambda view: len(view.pixels))
-        count = len(best.pixels)
-        if count < _LEAST_CHARUCO or np.linalg.matrix_rank(best.points[:, :2] - best.points[0, :2], tol=self.square / 2) < 2:
+        numbers, pixels = self.numbered(picture)
+        points = np.asarray(self.opencv_board().getChessboardCorners(), dtype=float)[numbers]
+        count = len(numbers)
+        if count < _LEAST_CHARUCO or np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=self.square / 2) < 2:
             return f"no {self} found" if count == 0 else f"only {count} corners of the {self} found, expected {_LEAST_CHARUCO} or more"
-        return best
+        return BoardView(name, points, pixels)
 
-    def _find(self, picture: Grey, name: str, legacy: bool) -> BoardView:
-        """As OpenCV draws the board, or as it did before version 4.6 where the number of rows is even."""
-        board = self.opencv_board(legacy)
-        corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
-        if ids is None:
-            return BoardView(name, np.empty((0, 3)), np.empty((0, 2)))
-        return BoardView(name, np.asarray(board.getChessboardCorners(), dtype=float)[ids.ravel()], corners.reshape(-1, 2).astype(float))
-
-    def numbered(self, picture: Grey, first: int = 0) -> tuple[npt.NDArray[np.intp], Matrix]:
+    def numbered(self, picture: Grey, first: int = 0) -> tuple[Numbers, Matrix]:
         """Numbers (n,) and pixels (n, 2) of the corners that are seen, the board's first marker having the id `first`."""
-        found = [cv2.aruco.CharucoDetector(board).detectBoard(picture)[:2] for board in self._patterns(first)]
-        corners, ids = max(found, key=lambda pair: 0 if pair[1] is None else len(pair[1]))
-        if ids is None:
-            return np.empty(0, dtype=np.intp), np.empty((0, 2))
-        return np.asarray(ids, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
+        return max(self._by_pattern(picture, first), key=lambda found: len(found[0]))
 
     def is_legacy(self, picture: Grey, first: int = 0) -> bool:
         """Whether a picture shows the pattern as OpenCV drew it before version 4.6: more of its corners are seen that way."""
-        counts = [len(np.ravel(ids)) if ids is not None else 0 for ids in self._ids(picture, first)]
+        counts = [len(numbers) for numbers, _ in self._by_pattern(picture, first)]
         return len(counts) > 1 and counts[1] > counts[0]
 
-    def _ids(self, picture: Grey, first: int) -> list[Any]:
-        return [cv2.aruco.CharucoDetector(board).detectBoard(picture)[1] for board in self._patterns(first)]
-
-    def _patterns(self, first: int) -> list[Any]:
-        """As OpenCV draws the board, and as it did before version 4.6 where the number of rows is even."""
-        return [self.opencv_board(legacy, first) for legacy in ((False,) if self.rows % 2 else (False, True))]
+    def _by_pattern(self, picture: Grey, first: int) -> list[tuple[Numbers, Matrix]]:
+        """Corners as OpenCV draws the board, and as it did before version 4.6 where the number of rows is even."""
+        patterns = [self.opencv_board(legacy, first) for legacy in ((False,) if self.rows % 2 else (False, True))]
+        return [_corners_of(pattern, picture) for pattern in patterns]
 
     def opencv_board(self, legacy: bool = False, first: int = 0) -> Any:
         """OpenCV's own object."""
@@ -210,6 +198,14 @@ class CharucoBoard:
         board = cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, aruco_dictionary(self.dictionary), ids)
         board.setLegacyPattern(legacy)
         return board
+
+
+def _corners_of(pattern: Any, picture: Grey) -> tuple[Numbers, Matrix]:
+    """Numbers and pixels of the corners of OpenCV's board that are seen."""
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(pattern).detectBoard(picture)
+    if ids is None:
+        return np.empty(0, dtype=np.intp), np.empty((0, 2))
+    return np.asarray(ids, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
 
 
 def refined(picture: Grey, grid: Array3) -> Array3:
