@@ -5,7 +5,6 @@ So a run that was cut short, and an edit made since, can be told: one of the pai
 
 from __future__ import annotations
 
-import hashlib
 import os
 import warnings
 from collections.abc import Mapping
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import CalibrationFileError, MixedFilesWarning
-from urdfcal.base.files import read_yaml
+from urdfcal.base.files import read_yaml, sha256
 from urdfcal.base.opened import unnoted
 from urdfcal.output.endings import is_record, stem_of
 
@@ -29,7 +28,7 @@ def record_beside(urdf: Path) -> Path:
 
 def written_with(record: Path, contents: Mapping[str | Path, bytes]) -> dict[str, str]:
     """The entry of a record about the files that are written with it."""
-    return {_way(record, Path(place)): hashlib.sha256(content).hexdigest() for place, content in contents.items()}
+    return {_way(record, Path(place)): sha256(content) for place, content in contents.items()}
 
 
 def hashes_in(record: Path, content: Any) -> dict[Path, str]:
@@ -83,10 +82,10 @@ def same_place(one: Path, other: Path) -> bool:
     return os.path.realpath(one) == os.path.realpath(other)
 
 
-def holds(place: Path, sha256: str) -> bool:
+def holds(place: Path, its: str) -> bool:
     """Whether a file has this hash."""
     with unnoted():
-        return hashlib.sha256(place.read_bytes()).hexdigest() == sha256
+        return sha256(place.read_bytes()) == its
 
 
 def _said(place: Path, record: Path) -> str:
