@@ -52,6 +52,11 @@ class Chapter:
     exhibits: tuple[Exhibit, ...]
 
 
+def draws(runs: int) -> str:
+    """`one draw`, `5 draws`."""
+    return "one draw" if runs == 1 else f"{runs} draws"
+
+
 def ratio(ours: float, published: float) -> str:
     """How many times the published figure ours is."""
     times = ours / published
