@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from urdfcal.base.terminal import as_text, distance, figures_table, many, rounded, value_and_sigma
+from urdfcal.base.terminal import as_text, decimals, distance, figures_table, many, rounded, value_and_sigma
 
 
 @pytest.mark.parametrize(
@@ -69,3 +69,9 @@ def test_long_names_are_broken_where_their_parts_end() -> None:
     assert lines[2].endswith("+10.23456 ± 0.12345")
     assert "".join(row[0] for row in parts) == name
     assert all(row[0].endswith(("_", ".", "alpha")) for row in parts)
+
+
+@pytest.mark.parametrize(("value", "digits", "text"), [(-4e-5, 4, "0.0000"), (-6e-5, 4, "-0.0001"), (-0.0, 1, "0.0"), (12.345, 1, "12.3")])
+def test_no_zero_is_below_zero(value: float, digits: int, text: str) -> None:
+    """What is rounded to nothing has no sign, what is left keeps its own."""
+    assert decimals(value, digits) == text

@@ -21,11 +21,12 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.base.errors import MeasurementError, did_you_mean
-from urdfcal.base.geometry import MM, Mask, Vector
+from urdfcal.base.geometry import DEG, MM, Mask, Vector
 from urdfcal.base.reading import TABLE, content_of
 from urdfcal.base.table_layout import counts_by_one, header_at, separator_of, text_of_sheet, unit_of, units_row, words_of
 
 LENGTHS = {"m": 1.0, "mm": MM}
+ANGLES = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LINE_END = re.compile(r"\r\n|\n|\r")
 _UNNAMED = re.compile(r"(Unnamed: \d+)?")  # what pandas calls a column without a name

@@ -55,6 +55,12 @@ def distance(value: float) -> str:
     return f"{value:.3f}" if value < _COARSE else f"{value:.1f}"
 
 
+def decimals(value: float, digits: int) -> str:
+    """A number with so many decimals; never a zero below zero."""
+    text = f"{value:.{digits}f}"
+    return text if float(text) else text.removeprefix("-")
+
+
 def many(count: int, what: str) -> str:
     """`1 pose`, `2 poses`."""
     return f"{count} {what}{'' if count == 1 else 's'}"

@@ -55,7 +55,8 @@ def compare(
 def _accounts(paths: tuple[Path, Path], named: Path | None, loaded: Callable[[Path], Robot], quiet: bool) -> tuple[Account, Account]:
     """What the two files say; a calibration is put on the description beside it, or on the one that it names."""
     from urdfcal.calibration.analysis.comparison import Account
-    from urdfcal.output.accounts import account_of, described_in, is_record, silent_joints
+    from urdfcal.output.accounts import account_of, described_in, silent_joints
+    from urdfcal.output.endings import is_record
 
     stored = {path: stored_calibration(path) for path in paths if is_record(path)}
     described = {path: loaded(path) for path in paths if path not in stored}

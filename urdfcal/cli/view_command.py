@@ -149,9 +149,10 @@ def view(
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> tuple[Robot, Compensation | None]:
     """The calibrated robot, and how it gives way where that was named."""
     from urdfcal.base.files import read_yaml
+    from urdfcal.output.endings import is_record
     from urdfcal.output.stored import corrected_robot
 
-    if path.suffix.lower() not in (".yaml", ".yml"):
+    if not is_record(path):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None), None
     content = read_yaml(path, CalibrationFileError).content
     if isinstance(content, dict) and content.get("urdfcal") == "compensation":

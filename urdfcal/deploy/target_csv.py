@@ -10,18 +10,17 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Vector
-from urdfcal.base.tables import LENGTHS, Table, read_table
+from urdfcal.base.tables import ANGLES, LENGTHS, Table, read_table
 from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION, ROTATION_VECTOR, Orientation
 from urdfcal.deploy.targets import Number, Target, TargetFile, text_of
 from urdfcal.robot.way import Way
 
-_ANGLES = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
 _DEGREES = {"deg": DEG, "rad": 1.0}
 _NONE = {"": 1.0}
 _ORIENTATIONS: dict[tuple[str, ...], tuple[Orientation, Mapping[str, float]]] = {
     ("qx", "qy", "qz", "qw"): (QUATERNION, _NONE),
-    ("roll", "pitch", "yaw"): (FIXED_ANGLES, _ANGLES),
-    ("rx", "ry", "rz"): (ROTATION_VECTOR, _ANGLES),
+    ("roll", "pitch", "yaw"): (FIXED_ANGLES, ANGLES),
+    ("rx", "ry", "rz"): (ROTATION_VECTOR, ANGLES),
     ("A", "B", "C"): (KUKA_ANGLES, _DEGREES),
 }
 _PLACE = ("x", "y", "z")
@@ -54,7 +53,7 @@ def read_targets(path: Path, way: Way) -> TargetFile:
     if not jointed and placed is None:
         raise table.fail(None, way.names[0], f"is missing, and so are x, y, z; expected {_WHAT}")
     for joint in way.inputs if jointed else ():
-        units[joint.name] = LENGTHS if joint.prismatic else _ANGLES
+        units[joint.name] = LENGTHS if joint.prismatic else ANGLES
     if placed is not None:
         units |= dict.fromkeys(_PLACE, LENGTHS) | dict.fromkeys(placed, _ORIENTATIONS[placed][1])
     values = {name: table.numbers(name, own, most=1e6) for name, own in units.items()}

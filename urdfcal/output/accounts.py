@@ -10,13 +10,6 @@ from urdfcal.output.stored import StoredCalibration, corrected_robot
 from urdfcal.robot.corrections import same_origin
 from urdfcal.robot.robot import Robot
 
-RECORDS = (".yaml", ".yml")
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file is called a calibration, and not a description."""
-    return path.suffix.lower() in RECORDS
-
 
 def account_of(stored: StoredCalibration, base: Robot) -> Account:
     """What a calibration says of a robot.

@@ -5,6 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
+RECORDS = (".yaml", ".yml")
+
+
+def is_record(path: Path) -> bool:
+    """Whether a file is called a calibration, and not a description."""
+    return path.suffix.lower() in RECORDS
 
 
 def stem_of(path: Path) -> str:

@@ -19,8 +19,8 @@ import pinocchio as pin
 
 from urdfcal.base.errors import InputError, RobotError, no_such
 from urdfcal.base.files import YamlFile, read_yaml
-from urdfcal.base.geometry import DEG, SE3, Vector, pose, translation_screw
-from urdfcal.base.tables import LENGTHS, Table, read_table
+from urdfcal.base.geometry import SE3, Vector, pose, translation_screw
+from urdfcal.base.tables import ANGLES, LENGTHS, Table, read_table
 from urdfcal.model.dh import DhRow, dh_table
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.parameters import FLAT, PriorScale
@@ -35,7 +35,6 @@ Convention = Literal["paper", "modified", "standard"]
 
 _ORDER = ("d_a", "d_d", "d_alpha", "d_beta", "d_theta")
 _BEHIND = ("d_a", "d_alpha")  # what the standard convention has behind the joint
-_ANGLES = {"rad": 1.0, "deg": DEG, "mrad": 1e-3}
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -147,7 +146,7 @@ def _errors(table: Table, rows: Iterable[DhRow], convention: Convention) -> dict
     given = [name for name in _ORDER if name in table.names]
     if not given:
         raise table.fail(None, "d_a", f"is missing, and so are the others; expected some of {', '.join(_ORDER)}")
-    numbers = {name: table.numbers(name, LENGTHS if name in ("d_a", "d_d") else _ANGLES) for name in given}
+    numbers = {name: table.numbers(name, LENGTHS if name in ("d_a", "d_d") else ANGLES) for name in given}
     errors: dict[str, dict[str, float]] = {name: {} for name in names}
     for index, joint in enumerate(table.columns["joint"]):
         if joint not in names:

@@ -9,18 +9,14 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.calibration.result import FitResult
 from urdfcal.output.report.content import report_of
 from urdfcal.output.report.document import Section, Table
+from urdfcal.output.tabular import COMMANDS, row, sides, spelt
 
-_SIGNS = {
-    "\\": r"\textbackslash{}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
+_SIGNS = COMMANDS | {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "±": r"$\pm$",
     "–": "--",
-    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
 }
-_SIGN = re.compile("|".join(map(re.escape, _SIGNS)))
 _MINUS = re.compile(r"(?<![\w.-])-(?=\d)")
 
 
@@ -44,27 +40,20 @@ def _tables(section: Section) -> Iterator[str]:
 
 def latex(table: Table, caption: str, label: str) -> str:
     """A table as a LaTeX `table`."""
-    columns = "l" * table.words + "r" * (len(table.columns) - table.words)
-    rows = [*_heads(table), r"\midrule", *(_row([str(cell) for cell in row]) for row in table.rows)]
+    rows = [*_heads(table), r"\midrule", *(row(latex_text(str(cell)) for cell in cells) for cells in table.rows)]
     body = "\n".join(["\\toprule", *rows, "\\bottomrule"])
     return (
         f"\\begin{{table}}[htb]\n\\centering\n\\caption{{{latex_text(caption)}}}\n\\label{{{label}}}\n"
-        f"\\begin{{tabular}}{{{columns}}}\n{body}\n\\end{{tabular}}\n\\end{{table}}\n"
+        f"\\begin{{tabular}}{{{sides(table)}}}\n{body}\n\\end{{tabular}}\n\\end{{table}}\n"
     )
 
 
 def _heads(table: Table) -> Iterator[str]:
     if table.groups:
-        cells = [f"\\multicolumn{{{count}}}{{c}}{{{latex_text(heading)}}}" for heading, count in table.groups]
-        yield f"{' & '.join(cells)} \\\\"
-    yield _row(list(table.columns))
-
-
-def _row(cells: list[str]) -> str:
-    return f"{' & '.join(latex_text(cell) for cell in cells)} \\\\"
+        yield row(f"\\multicolumn{{{count}}}{{c}}{{{latex_text(heading)}}}" for heading, count in table.groups)
+    yield row(map(latex_text, table.columns))
 
 
 def latex_text(text: str) -> str:
     """Text that LaTeX sets as it stands, on one line; minus signs before figures are minus signs."""
-    escaped = _SIGN.sub(lambda found: _SIGNS[found[0]], shown(" ".join(text.split())))
-    return _MINUS.sub("$-$", escaped)
+    return _MINUS.sub("$-$", spelt(shown(" ".join(text.split())), _SIGNS))

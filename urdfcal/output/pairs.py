@@ -5,7 +5,6 @@ So a run that was cut short, and an edit made since, can be told: one of the pai
 
 from __future__ import annotations
 
-import hashlib
 import os
 import warnings
 from collections.abc import Mapping
@@ -13,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import CalibrationFileError, MixedFilesWarning
-from urdfcal.base.files import read_yaml
+from urdfcal.base.files import read_yaml, sha256
 from urdfcal.base.opened import unnoted
-from urdfcal.output.endings import stem_of
+from urdfcal.output.endings import is_record, stem_of
 
 CORRECTED = "calibration_sha256"  # entry of a camera's file that a fit has written: the hash of its record
 _CAMERA = "_camera.yaml"
@@ -29,7 +28,7 @@ def record_beside(urdf: Path) -> Path:
 
 def written_with(record: Path, contents: Mapping[str | Path, bytes]) -> dict[str, str]:
     """The entry of a record about the files that are written with it."""
-    return {_way(record, Path(place)): hashlib.sha256(content).hexdigest() for place, content in contents.items()}
+    return {_way(record, Path(place)): sha256(content) for place, content in contents.items()}
 
 
 def hashes_in(record: Path, content: Any) -> dict[Path, str]:
@@ -46,7 +45,7 @@ def mixed(path: Path) -> tuple[str, ...]:
     """
     if path.name.endswith(_CAMERA):
         return _mixed_camera(path)
-    record = path if path.suffix.lower() in (".yaml", ".yml") else record_beside(path)
+    record = path if is_record(path) else record_beside(path)
     if not record.is_file():
         return ()
     with unnoted():  # a calibration that nobody named is no input
@@ -83,10 +82,10 @@ def same_place(one: Path, other: Path) -> bool:
     return os.path.realpath(one) == os.path.realpath(other)
 
 
-def holds(place: Path, sha256: str) -> bool:
+def holds(place: Path, its: str) -> bool:
     """Whether a file has this hash."""
     with unnoted():
-        return hashlib.sha256(place.read_bytes()).hexdigest() == sha256
+        return sha256(place.read_bytes()) == its
 
 
 def _said(place: Path, record: Path) -> str:

@@ -49,7 +49,7 @@ def require_same(contents: Mapping[str | Path, bytes]) -> None:
 def inputs_sha256(paths: Iterable[Path | None]) -> str:
     """One hash of the files that a result is made of, as far as they are there: a result that names it is an earlier one of the same."""
     found = [path for path in paths if path is not None and path.is_file()]
-    return hashlib.sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in found)).hexdigest()
+    return sha256(b"".join(hashlib.sha256(path.read_bytes()).digest() for path in found))
 
 
 def require_earlier(record: Path, places: Iterable[Path], robot: Robot, data: Measurements) -> None:

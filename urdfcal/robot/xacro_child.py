@@ -6,22 +6,19 @@ It protects the caller from descriptions that never end or take all memory, not 
 from __future__ import annotations
 
 import base64
-import contextlib
 import json
-import os
-import signal
 import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from urdfcal.base import opened
+from urdfcal.base.child import answers_alone, ending, kill, limit_memory, module_path, started
 from urdfcal.base.errors import RobotError
 from urdfcal.base.reading import DESCRIPTION
 
-# -P keeps the current folder off the path; the caller's path, whatever made it, comes with the request
+# the caller's path comes with the request
 _COMMAND = "import json, sys; r = json.load(sys.stdin); sys.path[:] = r['sys_path']; import urdfcal.robot.xacro_child as x; x.main(r)"
 _WAY_OUT = "; allow more with --xacro-limit if this is as it should be"
 
@@ -62,7 +59,7 @@ def expanded(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path
         RobotError: xacro cannot expand it, or not within the limit.
     """
     request = {
-        "sys_path": [entry or os.getcwd() for entry in sys.path if isinstance(entry, str)],
+        "sys_path": module_path(),
         "path": str(path),
         "xacro_args": dict(xacro_args),
         "package_dirs": [str(folder) for folder in package_dirs],
@@ -77,13 +74,7 @@ def expanded(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path
 
 def _answer(request: bytes, path: Path, limit: XacroLimit) -> Any:
     try:
-        child = subprocess.Popen(
-            [sys.executable, "-P", "-c", _COMMAND],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        child = started(_COMMAND)
     except OSError as error:
         raise RobotError(f"xacro: no process can be started for it: {error.strerror or error}", path) from None
     try:
@@ -94,37 +85,18 @@ def _answer(request: bytes, path: Path, limit: XacroLimit) -> Any:
     except ValueError:  # no answer: killed, or ended by the file's own Python
         raise RobotError(f"xacro: its process ended without a result ({ending(child.wait())})", path) from None
     finally:
-        with contextlib.suppress(OSError):  # what it started goes with it
-            os.killpg(child.pid, signal.SIGKILL)
+        kill(child)
         child.communicate()
-
-
-def ending(code: int) -> str:
-    """How a process ended, in words."""
-    return f"exit code {code}" if code >= 0 else f"killed by {signal.Signals(-code).name}"
 
 
 def main(request: Mapping[str, Any]) -> None:
     """Answer one request, on what was standard output; what the file's own Python prints goes nowhere."""
-    answer_to = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    with open(os.devnull, "r+") as nowhere:
-        for stream in (0, 1, 2):
-            os.dup2(nowhere.fileno(), stream)
+    answer_to = answers_alone(0, 1, 2)
     limit_memory(request["gigabytes"])
     opened.begin()
     answer = _expand(request)
     json.dump({**answer, "opened": opened.opened()}, answer_to)
     answer_to.close()
-
-
-def limit_memory(gigabytes: float) -> None:
-    """Bound the memory of this process."""
-    import resource
-
-    with contextlib.suppress(ValueError, OSError):  # macOS takes no such limit; the time limit stands there alone
-        hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        wanted = int(gigabytes * (1 << 30))
-        resource.setrlimit(resource.RLIMIT_AS, (wanted if hard == resource.RLIM_INFINITY else min(wanted, hard), hard))
 
 
 def _expand(request: Mapping[str, Any]) -> dict[str, Any]:

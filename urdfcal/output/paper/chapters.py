@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from urdfcal.output.paper.distances import SIMULATED_HERE, after_exhibits, before_exhibit, stated_exhibit
 from urdfcal.output.paper.estimates import figure_exhibits, table_v
-from urdfcal.output.paper.exhibit import Chapter
+from urdfcal.output.paper.exhibit import Chapter, draws
 from urdfcal.output.paper.nominal import nominal_exhibit
 from urdfcal.simulation.paper import Repeated
 
@@ -23,11 +23,11 @@ def chapter_of(repeated: Repeated) -> Chapter:
 
 def _opening(repeated: Repeated) -> list[str]:
     study = repeated.study
-    draws = "one draw" if repeated.runs == 1 else f"{repeated.runs} draws"
     protocols = " and ".join(f"the {name}" if name.startswith("mean") else name for name in study.protocols)
     common = (
-        f"Simulated: {draws} of {2 * study.half} poses and their noise, seed {repeated.seed}. {study.half} poses lie within 10° of home, "
-        f"{study.half} over the whole ranges. Joints are read to ±0.1° and spots to ±2 mm, uniform; each pose has {protocols}. "
+        f"Simulated: {draws(repeated.runs)} of {2 * study.half} poses and their noise, seed {repeated.seed}. "
+        f"{study.half} poses lie within 10° of home, {study.half} over the whole ranges. "
+        f"Joints are read to ±0.1° and spots to ±2 mm, uniform; each pose has {protocols}. "
         "Case 1 calibrates near home and is tested over the ranges, case 2 takes half of each, case 3 all."
     )
     if study.section == 4:

@@ -86,7 +86,7 @@ def _beside(lines: Sequence[Line], ours: Sequence[Matrix], by_estimator: bool) -
         for laser in range(len(_LASERS)):
             theirs = _published(line)[laser]
             label = ((line.estimator,) if by_estimator else ()) + _place(line, laser)
-            rows.append((*label, *(f"{figure:.2f}" for figure in theirs), *_digits(own[laser]), ratio(own[laser][0], theirs[0])))
+            rows.append((*label, *_digits(theirs), *_digits(own[laser]), ratio(own[laser][0], theirs[0])))
     names = (("method",) if by_estimator else ()) + ("case", "set", "laser")
     groups = (("", len(names)), (PUBLISHED, 3), (HERE, 3), ("", 1))
     return Table((*names, *_FIGURES, *_FIGURES, RATIO), tuple(rows), len(names), groups)

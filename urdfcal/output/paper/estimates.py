@@ -8,11 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, Vector
-from urdfcal.base.terminal import rounded
+from urdfcal.base.terminal import decimals, rounded
 from urdfcal.calibration.result import FitResult
 from urdfcal.estimation.identifiability import in_words
 from urdfcal.output.paper.distances import SIMULATED_HERE
-from urdfcal.output.paper.exhibit import DIFFERENCE, HERE, NONE, PUBLISHED, Exhibit, plain, three_lines
+from urdfcal.output.paper.exhibit import DIFFERENCE, HERE, NONE, PUBLISHED, Exhibit, three_lines
 from urdfcal.output.report.document import Table
 from urdfcal.simulation.paper import Repeated
 from urdfcal.simulation.published import FIG_4_NORM, FIG_4_SWEEPS, TABLE_V
@@ -99,7 +99,7 @@ def _row(label: str, here: Mapping[int, float | None], column: int) -> tuple[str
 
 def _cells(published: float, own: float | None) -> tuple[str, str, str]:
     """Published, here, and the difference; what is not determined here is not printed as if it were."""
-    return (plain(published, 4), NONE, NONE) if own is None else (plain(published, 4), plain(own, 4), plain(own - published, 4))
+    return (decimals(published, 4), NONE, NONE) if own is None else (decimals(published, 4), decimals(own, 4), decimals(own - published, 4))
 
 
 def _sum_row(repeated: Repeated, here: Mapping[int, Vector], terms: Mapping[str, float]) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from urdfcal.base.terminal import decimals
 from urdfcal.output.report.document import Table
 
 PUBLISHED, HERE, DIFFERENCE, RATIO = "published", "here", "difference", "ratio"
@@ -51,15 +52,15 @@ class Chapter:
     exhibits: tuple[Exhibit, ...]
 
 
+def draws(runs: int) -> str:
+    """`one draw`, `5 draws`."""
+    return "one draw" if runs == 1 else f"{runs} draws"
+
+
 def ratio(ours: float, published: float) -> str:
     """How many times the published figure ours is."""
     times = ours / published
     return f"{times:.2f}" if times < 10 else f"{times:.0f}"
-
-
-def plain(value: float, digits: int) -> str:
-    """A number with so many decimals; never a zero below zero."""
-    return f"{value:.{digits}f}" if round(value, digits) else f"{0:.{digits}f}"
 
 
 def three_lines(name: str, published: Sequence[float] | None, here: Sequence[float] | None, digits: int) -> list[tuple[str, ...]]:
@@ -67,7 +68,7 @@ def three_lines(name: str, published: Sequence[float] | None, here: Sequence[flo
     width = len(published or here or ())
 
     def line(label: str, what: str, values: Sequence[float] | None) -> tuple[str, ...]:
-        return (label, what, *((NONE,) * width if values is None else (plain(value, digits) for value in values)))
+        return (label, what, *((NONE,) * width if values is None else (decimals(value, digits) for value in values)))
 
     apart = None if published is None or here is None else [own - theirs for own, theirs in zip(here, published, strict=True)]
     return [line(name, PUBLISHED, published), line("", HERE, here), line("", DIFFERENCE, apart)]

@@ -9,10 +9,10 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.output.paper.chapters import chapter_of
 from urdfcal.output.paper.exhibit import Exhibit
 from urdfcal.output.report.document import Table
+from urdfcal.output.tabular import COMMANDS, row, sides, spelt
 from urdfcal.simulation.paper import Repeated
 
 LATEX_MARK = "% Written by urdfcal paper"  # by which an earlier file is known
-_SPECIAL = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"} | {each: rf"\{each}" for each in "&%$#_{}"}
 _SIGNS = {
     "Δ": r"\Delta",
     "α": r"\alpha",
@@ -27,7 +27,7 @@ _SIGNS = {
 }
 _MATHS = {sign: f"${command}$" for sign, command in _SIGNS.items()} | {"–": "--"}
 _SUBSCRIPTS = {chr(ord("₀") + digit): f"$_{{{digit}}}$" for digit in range(10)}
-_LETTERS = _SPECIAL | _MATHS | _SUBSCRIPTS
+_LETTERS = COMMANDS | _MATHS | _SUBSCRIPTS
 
 
 def paper_latex(studies: Sequence[Repeated], made_of: str = "") -> str:
@@ -52,7 +52,7 @@ def paper_latex(studies: Sequence[Repeated], made_of: str = "") -> str:
 
 def latex_text(text: str) -> str:
     """Text that LaTeX sets as it stands."""
-    return "".join(_LETTERS.get(letter, letter) for letter in " ".join(text.split()))
+    return spelt(text, _LETTERS)
 
 
 def _float(exhibit: Exhibit) -> Iterator[str]:
@@ -68,16 +68,16 @@ def _float(exhibit: Exhibit) -> Iterator[str]:
 
 
 def _tabular(table: Table, together: int) -> Iterator[str]:
-    yield rf"\begin{{tabular}}{{@{{}}{'l' * table.words}{'r' * (len(table.columns) - table.words)}@{{}}}}"
+    yield rf"\begin{{tabular}}{{@{{}}{sides(table)}@{{}}}}"
     yield r"\toprule"
     if table.groups:
         yield from _groups(table.groups)
-    yield _row(table.columns)
+    yield row(map(latex_text, table.columns))
     yield r"\midrule"
-    for number, row in enumerate(table.shown):
+    for number, cells in enumerate(table.shown):
         if number and together > 1 and number % together == 0:
             yield r"\addlinespace[2pt]"
-        yield _row([str(cell) for cell in row])
+        yield row(latex_text(str(cell)) for cell in cells)
     yield r"\bottomrule"
     yield r"\end{tabular}"
 
@@ -88,9 +88,5 @@ def _groups(groups: Sequence[tuple[str, int]]) -> Iterator[str]:
         heads.append(rf"\multicolumn{{{count}}}{{c}}{{{latex_text(heading)}}}" if heading else " & " * (count - 1))
         rules += [rf"\cmidrule(lr){{{first}-{first + count - 1}}}"] if heading else []
         first += count
-    yield rf"{' & '.join(heads)} \\"
+    yield row(heads)
     yield " ".join(rules)
-
-
-def _row(cells: Sequence[str]) -> str:
-    return rf"{' & '.join(map(latex_text, cells))} \\"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.minus import with_minus
-from urdfcal.base.terminal import displayed, value_and_sigma
+from urdfcal.base.terminal import displayed, many, value_and_sigma
 from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import honest_covariance
 from urdfcal.calibration.error_table import SpotTable
@@ -21,7 +21,7 @@ from urdfcal.output.report.plots.maps import map_words
 from urdfcal.output.report.residuals import Residuals, residuals_of
 from urdfcal.output.report.sections import fixed, frames_section, places_section, prior_text, provenance_table
 from urdfcal.output.report.suspects import Suspect, spreads, suspect_limit, suspects
-from urdfcal.output.report.verdict import Opening, count_of, opening_of
+from urdfcal.output.report.verdict import Opening, opening_of
 from urdfcal.output.text.dh import carried_lines
 from urdfcal.output.text.instruments import first_kind, measuring_frame, parameters_in_words
 from urdfcal.output.text.outliers import COLUMNS, fit_heading, outlier_groups, short_pose, test_heading, together_words
@@ -117,9 +117,7 @@ def _convergence(calibration: FitResult) -> Section:
     what, unit, size = first_kind(calibration)
     first, last = fixed(history[0].residual_rms / size), fixed(history[-1].residual_rms / size)
     went = f" The RMS of {what} went from {first} {unit} to {last} {unit}." if history[0].residual_rms else ""
-    text = (
-        f"{count_of(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}.{went} Sweep 0 is where the estimator started."
-    )
+    text = f"{many(len(history) - 1, 'sweep')}; stopped because {calibration.stop_reason}.{went} Sweep 0 is where the estimator started."
     return Section("convergence", "Convergence", (text, Gallery("convergence")))
 
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from urdfcal.base.files import sha256
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.minus import with_minus
-from urdfcal.base.terminal import displayed
+from urdfcal.base.terminal import displayed, many
 from urdfcal.base.version import __version__
 from urdfcal.calibration.analysis.sag import SagFit
 from urdfcal.calibration.result import FitResult
@@ -24,7 +24,6 @@ from urdfcal.model.parameters import FLAT
 from urdfcal.output.report.document import Block, Cell, Gallery, Section, Table
 from urdfcal.output.report.residuals import Residuals
 from urdfcal.output.report.touches import MOST_PLACES, PlaceScatter, scatter_of_places
-from urdfcal.output.report.verdict import count_of
 from urdfcal.output.text.instruments import frame_entries, length_entries, measuring_frame, noise_in_words, place_entries, rig_in_words
 from urdfcal.output.text.sag import deflections, extras_rows, sag_words
 from urdfcal.sensors.measurements import Measurements
@@ -167,7 +166,7 @@ def _model_rows(calibration: FitResult) -> list[tuple[str, str]]:
         names = dict.fromkeys(parameter.name.rsplit(".", 1)[-1] for parameter in own)
         priors = dict.fromkeys(prior_text(parameter.sigma, parameter.unit) for parameter in own)
         rows.append(
-            (_KINDS.get(kind, f"{kind} errors"), f"{count_of(len(own), 'parameter')} ({', '.join(names)}); prior sigma {', '.join(priors)}")
+            (_KINDS.get(kind, f"{kind} errors"), f"{many(len(own), 'parameter')} ({', '.join(names)}); prior sigma {', '.join(priors)}")
         )
     held = {name: value for name, value in calibration.errors.held.items() if value}
     return [*rows, ("held", ", ".join(held))] if held else rows

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from urdfcal.base.terminal import many
 from urdfcal.calibration.analysis.prediction import SpotAccuracy
 from urdfcal.calibration.analysis.verdict import Use, Verdict, honest_covariance, verdict_of
 from urdfcal.calibration.error_table import main_unit, rms_of
@@ -85,14 +86,9 @@ def _spot_rows(spots: SpotAccuracy | None) -> Iterator[tuple[str, ...]]:
         yield (f"spots of {laser} over the workspace", "–", "–", "–", *map(rough_mm, figures))
 
 
-def count_of(number: int, noun: str) -> str:
-    """`1 spot`, `2 spots`."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
 def _good(calibration: FitResult) -> Iterator[Sentence]:
     """What speaks for it."""
-    yield Sentence("good", f"The fit converged after {count_of(len(calibration.estimate.history) - 1, 'sweep')}.")
+    yield Sentence("good", f"The fit converged after {many(len(calibration.estimate.history) - 1, 'sweep')}.")
     yield from _tested(calibration)
     noise = calibration.estimate.noise
     if not honest_covariance(calibration) or calibration.disagreements or calibration.extra_noise:
@@ -121,7 +117,7 @@ def _noted(calibration: FitResult) -> Iterator[Sentence]:
         yield _decided(calibration)
     number, used = len(calibration.outliers), sum(row.n for row in calibration.after.values())
     if number:
-        words = f"{count_of(number, wording_of(calibration.data).one)} left out or mended as outliers; the fit rests on {used}."
+        words = f"{many(number, wording_of(calibration.data).one)} left out or mended as outliers; the fit rests on {used}."
         yield Sentence("note", words)
 
 
@@ -142,7 +138,7 @@ def _decided(calibration: FitResult) -> Sentence:
 
 def _warned(warnings: Sequence[str]) -> Iterator[Sentence]:
     if warnings:
-        yield Sentence("note", f"{count_of(len(warnings), 'warning')}, listed below.")
+        yield Sentence("note", f"{many(len(warnings), 'warning')}, listed below.")
 
 
 def _sentence(words: str) -> str:
@@ -154,4 +150,4 @@ def _outlying(suspects: Sequence[Suspect], noun: str) -> Sentence:
         return Sentence("good", f"No {noun} that was used stands out from the rest.")
     worst = suspects[0]
     farthest = f"{worst.set} pose {worst.pose}, {worst.name}, {rough(worst.distance)} {worst.unit}"
-    return Sentence("note", f"{count_of(len(suspects), noun)} far from the rest; the farthest: {farthest}.")
+    return Sentence("note", f"{many(len(suspects), noun)} far from the rest; the farthest: {farthest}.")

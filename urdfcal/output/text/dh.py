@@ -7,7 +7,7 @@ from itertools import compress
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import figures_table, titled
+from urdfcal.base.terminal import decimals, figures_table, titled
 from urdfcal.model.dh import DhRow
 
 if TYPE_CHECKING:
@@ -64,12 +64,7 @@ def carried_lines(carried: Mapping[str, str]) -> list[str]:
 def _dh_cells(row: DhRow) -> list[str]:
     """Every column, of which some may not be shown; a joint that slides has a direction alone."""
     if row.direction is not None:
-        return [""] * 6 + ["  ".join(_fixed(part) for part in row.direction)]
-    lengths = [_fixed(row.a / MM), _fixed(row.d / MM)]
-    angles = [_fixed(angle / DEG) for angle in (row.alpha, row.beta, row.theta)]
-    return [*lengths, *angles, _fixed(row.slide / MM) if row.slide else "", ""]
-
-
-def _fixed(value: float) -> str:
-    text = f"{value:.4f}"
-    return "0.0000" if text == "-0.0000" else text
+        return [""] * 6 + ["  ".join(decimals(part, 4) for part in row.direction)]
+    lengths = [decimals(row.a / MM, 4), decimals(row.d / MM, 4)]
+    angles = [decimals(angle / DEG, 4) for angle in (row.alpha, row.beta, row.theta)]
+    return [*lengths, *angles, decimals(row.slide / MM, 4) if row.slide else "", ""]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
-from urdfcal.base.terminal import figures_table, many, titled
+from urdfcal.base.terminal import decimals, figures_table, many, titled
 from urdfcal.sensors.overview import JointRange, Overview, ReadingCount, told
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ def _joint_table(found: Overview) -> Any:
     for joint in found.joints:
         size, unit = (MM, "mm") if joint.prismatic else (DEG, "deg")
         limits = "none" if joint.limits is None else " to ".join(f"{limit / size:.0f}" for limit in joint.limits)
-        span = _figure(joint.lower / size), f"{_figure(joint.upper / size)} {unit}"
+        span = decimals(joint.lower / size, 1), f"{decimals(joint.upper / size, 1)} {unit}"
         share = "" if joint.share is None else f"{100 * joint.share:.0f} %"
         table.add_row(joint.name, _unit(joint.unit, joint.stated), *span, limits, share)
     return table
@@ -114,7 +114,3 @@ def _pose_lines(found: Overview) -> list[str]:
     if data.payload is not None:
         lines.append(f"payload from {data.payload.min():g} to {data.payload.max():g} kg")
     return lines
-
-
-def _figure(number: float) -> str:
-    return f"{round(number, 1) + 0.0:.1f}"

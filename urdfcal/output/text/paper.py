@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from urdfcal.base.terminal import figures_table, titled
 from urdfcal.output.paper.distances import SIMULATED_HERE
 from urdfcal.output.paper.estimates import table_v
+from urdfcal.output.paper.exhibit import draws
 from urdfcal.simulation.paper import ESTIMATORS, Line, Repeated
 from urdfcal.simulation.published import Figures
 from urdfcal.simulation.study import CASES
@@ -24,8 +25,7 @@ LASERS = ("l1", "l2")
 
 def paper_blocks(lines: list[Line], runs: int) -> list[RenderableType]:
     """Table II, then Table III for each protocol, each beside the published figures."""
-    draws = "one draw" if runs == 1 else f"{runs} draws"
-    blocks: list[RenderableType] = [f"SIMULATED, mean over {draws} of poses and noise. All figures: mean/std/max distance in mm.", ""]
+    blocks: list[RenderableType] = [f"SIMULATED, mean over {draws(runs)} of poses and noise. All figures: mean/std/max distance in mm.", ""]
     blocks.append(_table_ii([line for line in lines if not line.protocol]))
     for protocol in dict.fromkeys(line.protocol for line in lines if line.protocol):
         own = [line for line in lines if line.protocol == protocol]
@@ -48,10 +48,9 @@ def study_blocks(repeated: Repeated) -> list[RenderableType]:
     """The tables of a study: II and III, or V to VII."""
     if repeated.study.section == 4:
         return paper_blocks(repeated.lines, repeated.runs)
-    draws = "one draw" if repeated.runs == 1 else f"{repeated.runs} draws"
     before = [line for line in repeated.lines if not line.protocol]
     return [
-        f"{SIMULATED_HERE}. Mean over {draws} of poses and noise. Distances: mean/std/max in mm.",
+        f"{SIMULATED_HERE}. Mean over {draws(repeated.runs)} of poses and noise. Distances: mean/std/max in mm.",
         "",
         _table_ii(before, "Table VI: before calibration"),
         "",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.base.terminal import figures_table
+from urdfcal.base.terminal import figures_table, many
 from urdfcal.deploy.targets import Corrected
 from urdfcal.robot.way import Way
 
@@ -27,8 +27,7 @@ def target_blocks(found: Sequence[Corrected], way: Way) -> list[RenderableType]:
     for unit in ("mm", "deg"):
         figures = [np.array([getattr(each, f"{when}_{unit}") for each in found]) for when in ("before", "left")]
         table.add_row(unit, *(f"{value:.3f}" for each in figures for value in (each.mean(), each.max())))
-    targets = "1 target" if len(found) == 1 else f"{len(found)} targets"
-    return [f"{targets} of '{way.tool}' in '{way.base}': {whole}", "", table]
+    return [f"{many(len(found), 'target')} of '{way.tool}' in '{way.base}': {whole}", "", table]
 
 
 def targets_json(found: Sequence[Corrected]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import MM
+from urdfcal.base.terminal import many
 from urdfcal.output.view.cameras import CAMERA
 from urdfcal.output.view.key_frames import Rows
 from urdfcal.output.view.marks import CALIBRATED, ERROR, MEASURED, NOMINAL, PLANE
@@ -195,7 +196,7 @@ class Panel:
 def panel_of(scene: Scene, shown: int) -> Panel:
     """The panel of a scene of which `shown` poses are animated."""
     n, measured = len(scene.data), not scene.data.empty
-    about = f"{n} poses, {_count(scene)}" if measured else f"{n} {'pose' if n == 1 else 'poses'}, nothing measured"
+    about = f"{n} poses, {_count(scene)}" if measured else f"{many(n, 'pose')}, nothing measured"
     if shown < n:
         about += f"; {shown} of the poses can be stepped through"
     return Panel(scene.robot.name, about, n > 1, _errors(scene) if measured else None, tuple(layers(scene)))

@@ -9,19 +9,17 @@ from __future__ import annotations
 import atexit
 import contextlib
 import json
-import os
 import select
-import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from urdfcal.robot.xacro_child import ending, limit_memory
+from urdfcal.base.child import answers_alone, ending, kill, limit_memory, module_path, started
 
 SECONDS, GIGABYTES = 60.0, 3.0  # for one file; the largest that are taken, see mesh_files, need about 5 s and 1 GB
-# -P keeps the current folder off the path; the caller's path, whatever made it, comes first
+# the caller's path comes first
 _COMMAND = "import json, sys; sys.path[:] = json.loads(sys.stdin.readline()); import urdfcal.output.view.mesh_child as m; m.main()"
 _running: list[subprocess.Popen[bytes]] = []
 _read: dict[tuple[str, int, int], str] = {}  # what was said of a file, by its path, size and time
@@ -67,16 +65,10 @@ def _asked(path: Path) -> str:
 def _child() -> subprocess.Popen[bytes]:
     if not _running:
         atexit.register(_stop)
-        child = subprocess.Popen(
-            [sys.executable, "-P", "-c", _COMMAND],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        child = started(_COMMAND)
         _running.append(child)
         assert child.stdin is not None
-        child.stdin.write(json.dumps([entry or os.getcwd() for entry in sys.path if isinstance(entry, str)]).encode() + b"\n")
+        child.stdin.write(json.dumps(module_path()).encode() + b"\n")
     return _running[0]
 
 
@@ -88,8 +80,7 @@ def _stop() -> int:
     child = _running.pop()
     with contextlib.suppress(subprocess.TimeoutExpired):
         child.wait(0.2 if _closed(child.stdout) else 0)
-    with contextlib.suppress(OSError):
-        os.killpg(child.pid, signal.SIGKILL)
+    kill(child)
     for stream in (child.stdin, child.stdout):
         with contextlib.suppress(OSError):
             assert stream is not None
@@ -104,10 +95,7 @@ def _closed(stream: IO[bytes] | None) -> bool:
 
 def main() -> None:
     """Answer requests, on what was standard output, until there are no more."""
-    answer_to = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    with open(os.devnull, "r+") as nowhere:
-        for stream in (1, 2):
-            os.dup2(nowhere.fileno(), stream)
+    answer_to = answers_alone(1, 2)
     limit_memory(GIGABYTES)
     for line in sys.stdin:
         answer_to.write(json.dumps(_fault(json.loads(line))) + "\n")

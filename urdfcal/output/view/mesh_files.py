@@ -16,6 +16,7 @@ import numpy as np
 from urdfcal.base.errors import RobotError
 from urdfcal.base.native import native_stderr
 from urdfcal.output.view.collada import scan_collada
+from urdfcal.output.view.stl import HEAD, facets_in_bytes
 from urdfcal.robot.description import Description
 from urdfcal.robot.packages import is_at_home, package_of, resolve_uri
 from urdfcal.vision.picture_header import KINDS, is_too_short, stated_size
@@ -31,7 +32,6 @@ MOST_PIXELS_TOGETHER = 2**27  # a browser takes four bytes for each
 
 READABLE = (".dae", ".obj", ".stl")  # what meshcat can show
 Textures = Mapping[str, str]  # name in the Collada file: the picture as a data: URI
-_STL_HEAD, _STL_FACET = 84, 50  # bytes
 _LINE_ENDS = bytes.maketrans(b"\r\f\0", b"\n\n\n")  # what else ends a line for Assimp
 _FACE = re.compile(rb"^[ \t]*f[ \t](.*)$", re.MULTILINE)
 _LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+(.+)$", re.MULTILINE)
@@ -187,9 +187,9 @@ def _text(path: Path) -> bytes:
 def _check_stl(path: Path) -> int:
     """Its corners. Its size must be that of the facets that it states, or it must open as one in words does."""
     with path.open("rb") as file:
-        head = file.read(_STL_HEAD)
-        facets = int.from_bytes(head[-4:], "little")
-        if len(head) == _STL_HEAD and path.stat().st_size == _STL_HEAD + _STL_FACET * facets:
+        head = file.read(HEAD)
+        facets = facets_in_bytes(head, path.stat().st_size)
+        if facets is not None:
             return 3 * facets
         if head.lstrip().lower().startswith(b"solid"):
             return (head + file.read()).count(b"vertex")

@@ -15,9 +15,10 @@ _NORMAL = re.compile(rb"normal\s+(\S+)\s+(\S+)\s+(\S+)")
 _LEAST_NORMAL = 0.5  # length of a normal that counts as stated
 
 
-def is_in_bytes(content: bytes) -> bool:
-    """Whether a file has the size of the facets that it states."""
-    return len(content) >= HEAD and len(content) == HEAD + FACET.itemsize * int.from_bytes(content[HEAD - 4 : HEAD], "little")
+def facets_in_bytes(head: bytes, size: int) -> int | None:
+    """How many facets a file of this size [bytes] states in its head; None where it has not the size of so many, and is in words."""
+    count = int.from_bytes(head[HEAD - 4 : HEAD], "little")
+    return count if len(head) >= HEAD and size == HEAD + FACET.itemsize * count else None
 
 
 def facets_of(content: bytes) -> tuple[Array3, Matrix]:
@@ -26,7 +27,7 @@ def facets_of(content: bytes) -> tuple[Array3, Matrix]:
     Raises:
         ValueError: some of it is no number, or the facets are not whole.
     """
-    if is_in_bytes(content):
+    if facets_in_bytes(content, len(content)) is not None:
         facets = np.frombuffer(content, FACET, offset=HEAD)
         return facets["corners"].astype(float), facets["normal"].astype(float)
     corners = np.array(_CORNER.findall(content)).astype(float).reshape(-1, 3, 3)

@@ -16,6 +16,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.base.terminal import many
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.options import ModelOptions
@@ -73,7 +74,7 @@ class View:
     def __repr__(self) -> str:
         """In a line: the whole of it holds meshes and every pose."""
         robots = "before and after" if self.scene.calibrated is not None else "as its URDF has it"
-        poses = "1 pose" if len(self.scene.data) == 1 else f"{len(self.scene.data)} poses"
+        poses = many(len(self.scene.data), "pose")
         return f"<{type(self).__name__} of {self.scene.robot.name}, {robots}: {poses}; .serve() or .write_html(FILE) to look at it>"
 
     def _repr_html_(self) -> str:

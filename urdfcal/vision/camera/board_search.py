@@ -14,16 +14,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.estimation.chi_squared import median, quantile
 from urdfcal.sensors.camera import Camera
-from urdfcal.vision.camera.boards import CharucoBoard, Chessboard, settled_corners
+from urdfcal.vision.camera.boards import (
+    LEAST_CHARUCO,
+    LEAST_WINDOW_PX,
+    MOST_WINDOW_PX,
+    CharucoBoard,
+    Chessboard,
+    Numbers,
+    settled_corners,
+    shades,
+)
 from urdfcal.vision.camera.corner_noise import corner_sigmas, picture_noise
 from urdfcal.vision.camera.markers import ScreenMarkers, aruco_dictionary, find_markers
 from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
@@ -31,14 +38,13 @@ from urdfcal.vision.camera.sought import Sought, TagGrid
 from urdfcal.vision.pictures import Grey
 
 PRIOR = 8.0  # so many numbers' worth of trust in what the neighbourhoods say
-LEAST_CORNERS = {Chessboard: 9, CharucoBoard: 6, TagGrid: 4}
+LEAST_CORNERS = {Chessboard: 9, CharucoBoard: LEAST_CHARUCO, TagGrid: 4}
 _CHANCE = 1e-3  # that a corner of a good view is left out
 _MOST_WRONG = 0.25
 _WORST_RMS_PX = 2.0  # of corners that were found rightly, by a lens that is the camera's
 _REACH = 0.3  # of the way to the next corner
 _INSIDE = 0.9  # of the white or black that a corner has around it
 _TAG_SIGMA_PX = 0.05  # of a tag's corner at least: the lens bends the edges whose crossing it is
-Numbers = npt.NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,19 +140,20 @@ def first_corner_first(picture: Grey, board: Chessboard, pixels: Matrix) -> Matr
     if across[0] * down[1] - across[1] * down[0] < 0:
         grid = grid[:, ::-1]
     ways = [np.rot90(grid, quarter) for quarter in ((0, 1, 2, 3) if board.columns == board.rows else (0, 2))]
-    darkness = partial(_first_is_dark, picture)
-    uprightness = [float((way[:, -1] - way[:, 0]).mean(axis=0)[0] + (way[-1] - way[0]).mean(axis=0)[1]) for way in ways]
-    best = max(zip(ways, uprightness, strict=True), key=lambda pair: (darkness(pair[0]), pair[1]))[0]
+    best = max(ways, key=lambda way: (_first_is_dark(picture, way), _uprightness(way)))
     return np.asarray(best.reshape(-1, 2))
 
 
-def _first_is_dark(picture: Grey, grid: Matrix) -> bool:
+def _first_is_dark(picture: Grey, grid: Array3) -> bool:
     """Whether the square inside of the first corner is darker than its neighbours: it has the colour of the outermost one."""
     cells = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4
-    across, down = np.moveaxis(cells.astype(np.float32), -1, 0)
-    levels = cv2.remap(cv2.blur(picture, (3, 3)), across, down, cv2.INTER_LINEAR)
-    even = np.indices(levels.shape).sum(axis=0) % 2 == 0
+    levels, even = shades(picture, cells)
     return bool(np.median(levels[even]) < np.median(levels[~even]))
+
+
+def _uprightness(grid: Array3) -> float:
+    """How far its rows go to the right and its columns down, [px]."""
+    return float((grid[:, -1] - grid[:, 0]).mean(axis=0)[0] + (grid[-1] - grid[0]).mean(axis=0)[1])
 
 
 def looks_the_same_turned(board: object) -> bool:
@@ -158,11 +165,11 @@ def _windows(sought: Sought, points: Matrix, pixels: Matrix) -> Vector:
     """Half the side of each corner's window, (n,), [px]: as far as nothing but its own edges reaches, seen as obliquely as it is."""
     homography, _ = cv2.findHomography(points[:, :2], pixels, cv2.RANSAC, 10.0)
     if homography is None:
-        return np.full(len(points), 2)
+        return np.full(len(points), LEAST_WINDOW_PX)
     weight = points[:, :2] @ homography[2, :2] + homography[2, 2]
     slopes = (homography[None, :2, :2] - pixels[:, :, None] * homography[None, 2:, :2]) / weight[:, None, None]
     scale = np.linalg.svd(slopes, compute_uv=False)[:, 1]
-    return np.asarray(np.clip(np.nan_to_num(_free(sought) * scale), 2, 11).astype(int))
+    return np.asarray(np.clip(np.nan_to_num(_free(sought) * scale), LEAST_WINDOW_PX, MOST_WINDOW_PX).astype(int))
 
 
 def _free(sought: Sought) -> float:

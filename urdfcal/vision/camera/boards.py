@@ -20,21 +20,23 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.errors import UsageError, did_you_mean
-from urdfcal.base.geometry import MM, Array3, Matrix, Vector
+from urdfcal.base.geometry import MM, Array3, Mask, Matrix, Vector
 from urdfcal.vision.camera.markers import aruco_dictionary, dictionary_names
 from urdfcal.vision.pictures import Grey
 
+Numbers = npt.NDArray[np.intp]  # of a board's corners
+
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "": 1.0}
-_LENGTH = r"(\d+(?:\.\d+)?)(mm|cm|m|)"
+LENGTH = r"(\d+(?:\.\d+)?)(mm|cm|m|)"  # a number and its unit
 _MOST_CORNERS = 100
 LEAST_CORNERS = 3
 _NEAR = (-2, -1, 0, 1, 2)  # by how many corners people miscount
-_LEAST_CHARUCO = 6
+LEAST_CHARUCO = 6
 _WINDOW = 0.3  # of the distance to the next corner
 _SHORTEST_PX = 16  # OpenCV fails on less, and no board can be seen in it
 _LONGEST_PX = 1600  # larger pictures are shrunk for finding the board, not for measuring it
 _HINT_PX = 640  # the same for guessing its size: 26 sizes are tried
-_LEAST_WINDOW_PX, _MOST_WINDOW_PX = 2, 11
+LEAST_WINDOW_PX, MOST_WINDOW_PX = 2, 11  # half the side
 _QUICK = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK  # without the check eight seconds of noise
 _SECTORS = cv2.CALIB_CB_NORMALIZE_IMAGE
 _SETTLED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
@@ -127,10 +129,8 @@ class Chessboard:
         beyond them are looked for close to the corners.
         """
         places = _cells(grid)
-        across, down = np.moveaxis(places.astype(np.float32), -1, 0)
-        levels = cv2.remap(cv2.blur(picture, (3, 3)), across, down, cv2.INTER_LINEAR)
+        levels, even = shades(picture, places)
         inside = np.asarray((places > 1) & (places < np.array(picture.shape[::-1]) - 2)).all(axis=-1)
-        even = (np.indices(levels.shape).sum(axis=0) % 2) == 0
         board = np.zeros_like(even)
         board[2:-2, 2:-2] = True
         one, other = np.median(levels[board & even]), np.median(levels[board & ~even])
@@ -169,40 +169,26 @@ class CharucoBoard:
 
     def find(self, picture: Grey, name: str) -> BoardView | str:
         """Those of its corners that are seen, or why too few are."""
-        views = [self._find(picture, name, legacy) for legacy in ((False,) if self.rows % 2 else (False, True))]
-        best = max(views, key=lambda view: len(view.pixels))
-        count = len(best.pixels)
-        if count < _LEAST_CHARUCO or np.linalg.matrix_rank(best.points[:, :2] - best.points[0, :2], tol=self.square / 2) < 2:
-            return f"no {self} found" if count == 0 else f"only {count} corners of the {self} found, expected {_LEAST_CHARUCO} or more"
-        return best
+        numbers, pixels = self.numbered(picture)
+        points = np.asarray(self.opencv_board().getChessboardCorners(), dtype=float)[numbers]
+        count = len(numbers)
+        if count < LEAST_CHARUCO or np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=self.square / 2) < 2:
+            return f"no {self} found" if count == 0 else f"only {count} corners of the {self} found, expected {LEAST_CHARUCO} or more"
+        return BoardView(name, points, pixels)
 
-    def _find(self, picture: Grey, name: str, legacy: bool) -> BoardView:
-        """As OpenCV draws the board, or as it did before version 4.6 where the number of rows is even."""
-        board = self.opencv_board(legacy)
-        corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(picture)
-        if ids is None:
-            return BoardView(name, np.empty((0, 3)), np.empty((0, 2)))
-        return BoardView(name, np.asarray(board.getChessboardCorners(), dtype=float)[ids.ravel()], corners.reshape(-1, 2).astype(float))
-
-    def numbered(self, picture: Grey, first: int = 0) -> tuple[npt.NDArray[np.intp], Matrix]:
+    def numbered(self, picture: Grey, first: int = 0) -> tuple[Numbers, Matrix]:
         """Numbers (n,) and pixels (n, 2) of the corners that are seen, the board's first marker having the id `first`."""
-        found = [cv2.aruco.CharucoDetector(board).detectBoard(picture)[:2] for board in self._patterns(first)]
-        corners, ids = max(found, key=lambda pair: 0 if pair[1] is None else len(pair[1]))
-        if ids is None:
-            return np.empty(0, dtype=np.intp), np.empty((0, 2))
-        return np.asarray(ids, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
+        return max(self._by_pattern(picture, first), key=lambda found: len(found[0]))
 
     def is_legacy(self, picture: Grey, first: int = 0) -> bool:
         """Whether a picture shows the pattern as OpenCV drew it before version 4.6: more of its corners are seen that way."""
-        counts = [len(np.ravel(ids)) if ids is not None else 0 for ids in self._ids(picture, first)]
+        counts = [len(numbers) for numbers, _ in self._by_pattern(picture, first)]
         return len(counts) > 1 and counts[1] > counts[0]
 
-    def _ids(self, picture: Grey, first: int) -> list[Any]:
-        return [cv2.aruco.CharucoDetector(board).detectBoard(picture)[1] for board in self._patterns(first)]
-
-    def _patterns(self, first: int) -> list[Any]:
-        """As OpenCV draws the board, and as it did before version 4.6 where the number of rows is even."""
-        return [self.opencv_board(legacy, first) for legacy in ((False,) if self.rows % 2 else (False, True))]
+    def _by_pattern(self, picture: Grey, first: int) -> list[tuple[Numbers, Matrix]]:
+        """Corners as OpenCV draws the board, and as it did before version 4.6 where the number of rows is even."""
+        patterns = [self.opencv_board(legacy, first) for legacy in ((False,) if self.rows % 2 else (False, True))]
+        return [_corners_of(pattern, picture) for pattern in patterns]
 
     def opencv_board(self, legacy: bool = False, first: int = 0) -> Any:
         """OpenCV's own object."""
@@ -212,6 +198,14 @@ class CharucoBoard:
         return board
 
 
+def _corners_of(pattern: Any, picture: Grey) -> tuple[Numbers, Matrix]:
+    """Numbers and pixels of the corners of OpenCV's board that are seen."""
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(pattern).detectBoard(picture)
+    if ids is None:
+        return np.empty(0, dtype=np.intp), np.empty((0, 2))
+    return np.asarray(ids, dtype=np.intp).ravel(), np.asarray(corners, dtype=float).reshape(-1, 2)
+
+
 def refined(picture: Grey, grid: Array3) -> Array3:
     """Corners (rows, columns, 2) to a fraction of a pixel."""
     rows, columns = grid.shape[:2]
@@ -219,7 +213,7 @@ def refined(picture: Grey, grid: Array3) -> Array3:
     padded[1:-1, 1:-1] = grid
     shifts = [(down, right) for down in range(3) for right in range(3) if (down, right) != (1, 1)]
     nearest = np.min([np.linalg.norm(padded[down : down + rows, right : right + columns] - grid, axis=2) for down, right in shifts], axis=0)
-    windows = np.clip((_WINDOW * nearest).astype(int), _LEAST_WINDOW_PX, _MOST_WINDOW_PX)
+    windows = np.clip((_WINDOW * nearest).astype(int), LEAST_WINDOW_PX, MOST_WINDOW_PX)
     return settled_corners(picture, grid.reshape(-1, 2), windows.ravel()).reshape(grid.shape)
 
 
@@ -230,6 +224,13 @@ def settled_corners(picture: Grey, pixels: Matrix, windows: Vector) -> Matrix:
         chosen = windows == window
         corners[chosen] = cv2.cornerSubPix(picture, corners[chosen].reshape(-1, 1, 2), (int(window), int(window)), (-1, -1), _SETTLED)[:, 0]
     return np.asarray(corners, dtype=float)
+
+
+def shades(picture: Grey, cells: Array3) -> tuple[Grey, Mask]:
+    """Brightness of a chessboard's squares at places in them (rows, columns, 2) [px], and which have the colour of the first."""
+    across, down = np.moveaxis(cells.astype(np.float32), -1, 0)
+    levels = cv2.remap(cv2.blur(picture, (3, 3)), across, down, cv2.INTER_LINEAR)
+    return np.asarray(levels, dtype=np.uint8), np.asarray(np.indices(levels.shape).sum(axis=0) % 2 == 0)
 
 
 def _cells(grid: Array3) -> Array3:
@@ -248,7 +249,7 @@ def parse_chessboard(text: str, option: str = "--board") -> Chessboard:
     Raises:
         UsageError: the text is no board.
     """
-    match = re.fullmatch(rf"(\d+)x(\d+):{_LENGTH}", text.strip())
+    match = re.fullmatch(rf"(\d+)x(\d+):{LENGTH}", text.strip())
     if not match:
         raise UsageError(f"{option} {text}: expected COLUMNSxROWS:SQUARE such as 9x6:25mm, counting inner corners")
     columns, rows, square, unit = match.groups()
@@ -262,7 +263,7 @@ def parse_charuco(text: str, option: str = "--charuco") -> CharucoBoard:
     Raises:
         UsageError: the text is no board.
     """
-    match = re.fullmatch(rf"(\d+)x(\d+):{_LENGTH}:{_LENGTH}(?::(\w+))?", text.strip())
+    match = re.fullmatch(rf"(\d+)x(\d+):{LENGTH}:{LENGTH}(?::(\w+))?", text.strip())
     if not match:
         raise UsageError(
             f"{option} {text}: expected COLUMNSxROWS:SQUARE:MARKER[:DICT] such as 10x7:25mm:18mm:DICT_4X4_50, counting squares"

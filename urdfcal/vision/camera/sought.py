@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.geometry import MM
 from urdfcal.robot.rig import Grid
-from urdfcal.vision.camera.boards import CharucoBoard, Chessboard, length_of, parse_charuco, parse_chessboard
+from urdfcal.vision.camera.boards import LENGTH, CharucoBoard, Chessboard, length_of, parse_charuco, parse_chessboard
 from urdfcal.vision.camera.markers import aruco_dictionary, dictionary_names
 
 OPTION = "--board"
-_TAGS = re.compile(r"(apriltag|aruco):(\w+):(\d+)x(\d+):(\d+(?:\.\d+)?)(mm|cm|m|)(?::(\d+(?:\.\d+)?)(mm|cm|m|))?")
+_TAGS = re.compile(rf"(apriltag|aruco):(\w+):(\d+)x(\d+):{LENGTH}(?::{LENGTH})?")
 _USUAL_GAP = 0.3  # of a tag's side
 _MOST_TAGS = 100  # in a row
 _EXAMPLES = "expected 9x6:25mm, charuco:7x5:40mm:30mm, apriltag:36h11:6x4:30mm or aruco:4X4_50:6x4:30mm"

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from urdfcal.base.terminal import many
 from urdfcal.vision.spots.detector import PixelSpot, Sighting
 
 Pixels = npt.NDArray[np.uint8]
@@ -109,7 +110,7 @@ def _legend(sighting: Sighting, width: int) -> Pixels:
     """What the marks mean, and how many there are."""
     whose, refused = len(sighting.spots), len(sighting.refused)
     rows = [
-        f"ring: a spot and whose it is; {whose} {'spot' if whose == 1 else 'spots'}"
+        f"ring: a spot and whose it is; {many(whose, 'spot')}"
         + (f", the brightest {_MOST_ENLARGED} enlarged" if whose > _MOST_ENLARGED else ""),
         "below the picture: the centre \u00b1 its standard deviation; the ellipse holds three of them",
         f"cross: what is no spot, and why; {refused}" + (f", {_MOST_REFUSED} drawn" if refused > _MOST_REFUSED else ""),
