@@ -205,9 +205,8 @@ def simulate(
     from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
-    from urdfcal.sensors.registry import SENSORS
     from urdfcal.simulation.readings import reading_noise
-    from urdfcal.simulation.setup import SENSOR_KINDS, parse_sensors, seen_with
+    from urdfcal.simulation.setup import parse_sensors, seen_with
     from urdfcal.simulation.simulated import simulated_by
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
@@ -219,7 +218,7 @@ def simulate(
     require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
     boards = rig_file.grids()
     sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
-    pictured = any(SENSORS[kind].by_camera for own in sensors for kind in SENSOR_KINDS[own.kind])
+    pictured = any(own.by_camera for own in sensors)
     _require_use_of(camera, pictured, output)
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
     lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None

@@ -48,6 +48,11 @@ class SimulatedSensor:
     link: str
     places: int = 0
 
+    @property
+    def by_camera(self) -> bool:
+        """Whether it is read in pictures."""
+        return any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[self.kind])
+
 
 @dataclass(frozen=True)
 class SimulatedSetup:
@@ -86,7 +91,7 @@ class SimulatedSetup:
     @property
     def pictured(self) -> tuple[SimulatedSensor, ...]:
         """What the camera reads."""
-        return tuple(sensor for sensor in self.sensors if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]))
+        return tuple(sensor for sensor in self.sensors if sensor.by_camera)
 
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
@@ -138,7 +143,7 @@ def parse_sensors(
 
 
 def _by_corners(sensor: SimulatedSensor, boards: Mapping[str, Grid]) -> Sequence[SimulatedSensor]:
-    grid = boards.get(sensor.target) if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]) else None
+    grid = boards.get(sensor.target) if sensor.by_camera else None
     return [sensor] if grid is None else [replace(sensor, target=f"{sensor.link}:{corner}") for corner in range(grid.corners)]
 
 
