@@ -78,15 +78,17 @@ class SimulatedSetup:
 
     def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
         """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = self._arm_at(q, session), self.errors.chain
         seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
         for index, frame in enumerate(chain.frames):
             if frame.role == "target":
                 by_axis = motion.axis_derivatives(motion.from_base(twists, 0), index, 0)
                 seen[frame.name] = *motion.seen(index, 0), by_axis
         return motion, seen
+
+    def _arm_at(self, q: Matrix, session: str) -> ArmMotion:
+        errors, arm = self.errors, self.errors.arm
+        return motion_at(arm, errors.placements(self.x, session), arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
 
     @property
     def pictured(self) -> tuple[SimulatedSensor, ...]:
@@ -95,9 +97,7 @@ class SimulatedSetup:
 
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
-        errors, chain = self.errors, self.errors.chain
-        arm, placed = errors.arm, errors.placements(self.x, session)
-        motion = motion_at(arm, placed, arm.chain_positions(q), yielding=errors.yielding_at(self.x, q))
+        motion, chain = self._arm_at(q, session), self.errors.chain
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
