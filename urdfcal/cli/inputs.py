@@ -191,12 +191,19 @@ def stated_area(text: str | None) -> ScreenArea | None:
     """
     from urdfcal.robot.sheet import ScreenArea
 
-    if text is None:
-        return None
-    sides = numbers_of("--screen-size-m", text, (1, 2), "the screen's width and height in m, such as 1.5 or 2,1.5")
+    return None if text is None else ScreenArea(stated_size(text, "the screen's width and height"))
+
+
+def stated_size(text: str, expected: str) -> tuple[float, float]:
+    """Width and height of --screen-size-m, [m]; a single number is both.
+
+    Raises:
+        UsageError: the text is none.
+    """
+    sides = numbers_of("--screen-size-m", text, (1, 2), f"{expected} in m, such as 1.5 or 2,1.5")
     for side in sides:
         positive("--screen-size-m", side)
-    return ScreenArea((sides[0], sides[-1]))
+    return sides[0], sides[-1]
 
 
 def numbers_of(option: str, text: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:

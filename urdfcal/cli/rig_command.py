@@ -12,7 +12,7 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, positive
+from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, stated_size
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place, told
 
@@ -195,10 +195,8 @@ class _Asked:
         if self.screen is not None:
             there = replace(Stand(base), xyz=_three("--screen", self.screen, "its middle in m, such as 1.3,0,0.5"))
             there = replace(there, rpy=_turn("--screen-turn-deg", self.screen_turn_deg))
-            sides = numbers_of("--screen-size-m", self.screen_size_m, (1, 2), "width and height in m, such as 1.5 or 2,1.5")
-            for side in sides:
-                positive("--screen-size-m", side)
-            found += [module_on(arm.tree, here, prefix), screen_on(arm.tree, there, tip, (sides[0], sides[-1]), prefix)]
+            size = stated_size(self.screen_size_m, "width and height")
+            found += [module_on(arm.tree, here, prefix), screen_on(arm.tree, there, tip, size, prefix)]
         found += [board_on(arm.tree, here, grid, prefix)] if grid is not None else []
         return found + ([target_on(arm.tree, here, prefix)] if self.tracker else [])
 
