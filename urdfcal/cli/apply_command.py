@@ -63,6 +63,7 @@ def apply(
     """Put a stored calibration on a robot description (again)."""
     import numpy as np
 
+    from urdfcal.base.terminal import many
     from urdfcal.cli.fit_outputs import planned_formats
     from urdfcal.output.formats import Deployed
     from urdfcal.output.replaced import require_same
@@ -88,7 +89,7 @@ def apply(
     places = {name: str(place) for name, place in plan.places.items()}
     finish(
         {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(told(files))} with {len(origins)} corrected {'origin' if len(origins) == 1 else 'origins'}"
+        f"wrote {listed(told(files))} with {many(len(origins), 'corrected origin')}"
         + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

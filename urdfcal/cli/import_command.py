@@ -74,7 +74,7 @@ def import_(
     """Take a calibration that somebody else made, such as the maker's own, in as one of ours: for apply, compare and fit --after."""
     from urdfcal.base.files import sha256
     from urdfcal.base.geometry import distance_mm_mrad
-    from urdfcal.base.terminal import rounded
+    from urdfcal.base.terminal import many, rounded
     from urdfcal.model.options import parse_prior
     from urdfcal.output.calibration_yaml import imported_yaml
     from urdfcal.output.imported import assumed_joints, corrections_to
@@ -102,7 +102,7 @@ def import_(
     mm, mrad = (max(each[part] for each in far) for part in (0, 1))
     finish(
         {"calibration": str(place), "joints": list(corrections), "most_mm": mm, "most_mrad": mrad} if as_json else None,
-        f"wrote {told([place])[0]} with {len(corrections)} {'origin' if len(corrections) == 1 else 'origins'}, "
+        f"wrote {told([place])[0]} with {many(len(corrections), 'origin')}, "
         f"up to {rounded(mm, 3)} mm and {rounded(mrad, 3)} mrad from nominal",
         quiet,
     )

@@ -109,6 +109,7 @@ def rig(
     verbose: Verbose = False,
 ) -> None:
     """Put a module and a screen, a board or a tracker's target on a robot, without writing URDF or xacro."""
+    from urdfcal.base.terminal import many
     from urdfcal.output.replaced import require_same
     from urdfcal.robot.added_rig import require_free, require_moving, with_pieces
     from urdfcal.robot.robot import robot_from
@@ -138,7 +139,7 @@ def rig(
     following = _following(output, notes, pieces, base)
     wide, new = max(len(piece.links[0]) for piece in pieces), sum(len(piece.links) for piece in pieces)
     lines = [f"{piece.links[0]:<{wide}}   {_where(piece)}" for piece in pieces]
-    lines += [f"wrote {listed(told(files))}: {new} new {'link' if new == 1 else 'links'}, all else as it was{expanded_note(arm)}", "next:"]
+    lines += [f"wrote {listed(told(files))}: {many(new, 'new link')}, all else as it was{expanded_note(arm)}", "next:"]
     lines += [f"  {command}" for command in following]
     say(verbose, f"{arm.name} had {len(arm.tree.links)} links and {len(arm.tree.joints)} joints")
     finish(_machine(files, pieces, following) if as_json else None, "\n".join(lines), quiet)
