@@ -108,17 +108,17 @@ def boards(
             for place, drawing in drawings.items():
                 (folder / place.name).write_bytes(drawing)
     deliver({output: content, **rig})
-    failed = _failed(views, sought)
+    failed, counts = _failed(views, sought), {one.link: _counts(views, number, one) for number, one in enumerate(sought)}
     warn([*([by_order] if by_order else []), *notes, *failed], quiet)
     machine = {
         "measurements": str(output),
         "rig": [str(place) for place in rig],
         "pictures": len(files),
-        "boards": {one.link: _counts(views, number, one) for number, one in enumerate(sought)},
+        "boards": counts,
         "failed": failed,
         "warnings": notes,
     }
-    finish(machine if as_json else None, _told(output, beside, views, sought), quiet)
+    finish(machine if as_json else None, _told(output, beside, len(views), counts), quiet)
 
 
 def _looked(
@@ -201,10 +201,9 @@ def _counts(views: _Views, number: int, one: Sought) -> dict[str, float | int | 
     }
 
 
-def _told(output: Path, beside: Sequence[Path], views: _Views, sought: Sequence[Sought]) -> str:
+def _told(output: Path, beside: Sequence[Path], pictures: int, counts: Mapping[str, Mapping[str, float | int | str]]) -> str:
     lines = [f"wrote {output}{''.join(f' and {place}' for place in beside)}"]
-    for number, one in enumerate(sought):
-        counts = _counts(views, number, one)
-        seen = f"seen in {counts['pictures']} of {len(views)} pictures, {counts['corners']} corners"
-        lines.append(f"  {one.link}: {seen}, sigma {counts['sigma_px']:.2f} px")
+    for link, own in counts.items():
+        seen = f"seen in {own['pictures']} of {pictures} pictures, {own['corners']} corners"
+        lines.append(f"  {link}: {seen}, sigma {own['sigma_px']:.2f} px")
     return "\n".join(lines)
