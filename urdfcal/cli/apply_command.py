@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, expanded_note, listed, load, stored_calibration
+from urdfcal.cli.inputs import about, expanded_note, lacking, listed, load, stored_calibration
 from urdfcal.cli.options import (
     Formats,
     Json,
@@ -83,8 +83,7 @@ def apply(
         require_same(files)
     warn(deployed.warnings(plan), quiet)
     deliver(files)
-    if missing:
-        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
+    warn(lacking(arm, missing), quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
     places = {name: str(place) for name, place in plan.places.items()}
     finish(

@@ -104,6 +104,24 @@ def stored_calibration(path: Path) -> StoredCalibration:
     return stored
 
 
+def with_calibration(robot: Robot, path: Path, quiet: bool) -> Robot:
+    """The robot with a stored calibration put on it; what it lacks of the rig is said unless it is to be quiet.
+
+    Raises:
+        CalibrationFileError: the file is none, or not of this robot as it is.
+    """
+    from urdfcal.output.stored import corrected_robot
+
+    origins, missing = stored_calibration(path).origins_for(robot)
+    warn(lacking(robot, missing), quiet)
+    return corrected_robot(robot, origins)
+
+
+def lacking(robot: Robot, missing: Sequence[str]) -> list[str]:
+    """A warning of calibrated joints that a robot does not have; only those of the rig may be missing."""
+    return [f"{robot.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else []
+
+
 def _refuse_table(path: Path) -> None:
     """Refuse measurements, or a calibration, in the robot's place.
 

@@ -9,7 +9,7 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import about, load, positive, stated_area, stored_calibration
+from urdfcal.cli.inputs import about, load, positive, stated_area, with_calibration
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, require_places
 
@@ -174,18 +174,11 @@ def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, 
     table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
     joints = JointColumns(table, arm)
     odd = (*table.notes, *joints.warnings())
-    shown = _corrected(arm, calibrated) if calibrated else arm
+    shown = with_calibration(arm, calibrated, quiet=True) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
         return LitSpots(data.spots, nominal_spots(arm, data.q).direction), odd
     return nominal_spots(shown, joints.positions), odd
-
-
-def _corrected(arm: Robot, calibrated: Path) -> Robot:
-    from urdfcal.output.stored import corrected_robot
-
-    origins, _ = stored_calibration(calibrated).origins_for(arm)
-    return corrected_robot(arm, origins)
 
 
 def _corners(layout: ScreenMarkers | None) -> Matrix | None:

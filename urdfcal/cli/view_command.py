@@ -11,7 +11,7 @@ import typer
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, load, measured, rig_file_of, stored_calibration
+from urdfcal.cli.inputs import about, load, measured, rig_file_of, with_calibration
 from urdfcal.cli.options import (
     CameraOption,
     Json,
@@ -150,7 +150,6 @@ def view(
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> tuple[Robot, Compensation | None]:
     """The calibrated robot, and how it gives way where that was named."""
     from urdfcal.base.files import read_yaml
-    from urdfcal.output.stored import corrected_robot
 
     if path.suffix.lower() not in (".yaml", ".yml"):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None), None
@@ -160,10 +159,7 @@ def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: b
 
         bending = load_compensation(path, package_dir or ())
         return bending.robot, bending
-    origins, missing = stored_calibration(path).origins_for(arm)
-    if missing:
-        warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    return corrected_robot(arm, origins), None
+    return with_calibration(arm, path, quiet), None
 
 
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:
