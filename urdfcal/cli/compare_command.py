@@ -45,7 +45,7 @@ def compare(
     from urdfcal.output.text.comparison import comparison_blocks, comparison_json
 
     def loaded(path: Path) -> Robot:
-        return load(path, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+        return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
     ours, theirs = _accounts((one, other), robot, loaded, quiet)
     found = run_compare(ours, theirs, tool or default_tool(ours, theirs), np.random.default_rng(seed))

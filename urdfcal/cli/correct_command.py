@@ -89,7 +89,7 @@ def correct(
     require_no_json(as_json, output)
     place = named(output, f"{targets.stem}_corrected{targets.suffix}")
     require_places(place, inputs=(robot, targets, calibration, compensation))
-    arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+    arm = load(robot, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
     stored = stored_calibration(calibration)
     real = account_of(stored, arm)
     measured = stored.measured if stored.measured in arm.tree.links else ""

@@ -81,7 +81,7 @@ def import_(
     from urdfcal.output.replaced import require_marked
 
     def loaded(path: Path) -> Robot:
-        return load(path, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+        return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
     require_no_json(as_json, output)
     sure = parse_prior(sigma)

@@ -117,7 +117,7 @@ def rig(
     require_no_json(as_json, output)
     asked = _Asked(tip, screen, board, tracker, offset, turn_deg, screen_turn_deg, screen_size_m)
     asked.require_whole()
-    arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+    arm = load(robot, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_rigged.urdf")
     require_ending("-o", output, (".urdf", ".xml"), "a robot description")
     notes = None if output == STDOUT or board is None else output.with_name(f"{output.stem}_rig.yaml")
