@@ -11,7 +11,7 @@ import typer
 from urdfcal.base.errors import InputError
 from urdfcal.cli.console import ProgressBar, finish, warn
 from urdfcal.cli.options import Json, Overwrite, Quiet
-from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.sensors.camera import Camera
@@ -81,7 +81,7 @@ def boards(
     sought = parse_boards(board, target)
     require_no_json(as_json, output)
     output = named(output, "measurements.csv")
-    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     files = picture_files(pictures)
     rig: dict[str | Path, bytes] = {} if output == STDOUT else {output.with_name(f"{output.stem}_rig.yaml"): rig_yaml(sought, camera_link)}
     beside = [Path(place) for place in rig]

@@ -13,7 +13,7 @@ import typer
 from urdfcal.base.errors import InputError, UsageError
 from urdfcal.cli.console import ProgressBar, say, show, warn
 from urdfcal.cli.options import Json, Overwrite, Quiet, Verbose
-from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import YAML, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.sensors.camera import Camera, Side
@@ -96,7 +96,7 @@ def camera(
     _require_screen(screen, markers, screen_board, board_origin, side, lens)
     require_no_json(as_json, output)
     output = named(output, "camera.yaml")
-    require_ending("-o", output, (".yaml", ".yml"), "a camera")
+    require_ending("-o", output, YAML, "a camera")
     views = picture_files(images) if images else []
     require_places(output, inputs=(screen, markers, lens, *views))
     made_of = inputs_sha256((*views, lens, screen, markers))

@@ -14,14 +14,13 @@ from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish
 from urdfcal.cli.inputs import load
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
-from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place, told
+from urdfcal.cli.places import YAML, deliver, named, require_ending, require_no_json, require_places, stated_place, told
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import SE3
     from urdfcal.robot.robot import Robot
 
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx")
-_RECORDS = (".yaml", ".yml")
 
 
 class DhConvention(StrEnum):
@@ -87,7 +86,7 @@ def import_(
     sure = parse_prior(sigma)
     nominal = loaded(robot)
     place = named(output, f"{nominal.description.stem}_calibration.yaml")
-    require_ending("-o", place, _RECORDS, "a calibration")
+    require_ending("-o", place, YAML, "a calibration")
     require_places(place, inputs=(robot, file))
     corrections = corrections_to(nominal, _origins(file, nominal, loaded, convention, tip))
     if not corrections:
@@ -122,4 +121,4 @@ def _origins(file: Path, robot: Robot, loaded: Callable[[Path], Robot], conventi
         return dh_origins(file, robot, tip, convention.value)
     if convention is not None or tip is not None:
         raise UsageError(f"--{'tip' if convention is None else 'convention'} is about tables of D-H errors (.csv), and {file} is none")
-    return read_origins(file, robot) if file.suffix.lower() in _RECORDS else origins_of(loaded(file), robot)
+    return read_origins(file, robot) if file.suffix.lower() in YAML else origins_of(loaded(file), robot)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import asked_quiet, warn
+from urdfcal.cli.places import YAML
 
 if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile
@@ -28,7 +29,6 @@ _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
-_YAML = (".yaml", ".yml")
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 
 
@@ -128,7 +128,7 @@ def _refuse_table(path: Path) -> None:
     Raises:
         UsageError: the file is called a table, or YAML, and is no XML.
     """
-    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if path.suffix.lower() in _YAML else ""
+    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if path.suffix.lower() in YAML else ""
     if what and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         behind = "the measurements" if what == "a table" else "other files"
         raise UsageError(f"{path}: is {what} where the robot is expected; the robot's URDF or xacro comes first, then {behind}")

@@ -11,7 +11,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import load, positive
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
-from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import YAML, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 
 def module(
@@ -63,7 +63,7 @@ def module(
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_no_json(as_json, output)
     output = named(output, "module.yaml")
-    require_ending("-o", output, (".yaml", ".yml"), "a rig file")
+    require_ending("-o", output, YAML, "a rig file")
     require_places(output, inputs=(bench, robot))
     made_of = inputs_sha256((bench, robot))
     if not overwrite:

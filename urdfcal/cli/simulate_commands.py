@@ -38,7 +38,7 @@ from urdfcal.cli.options import (
     XacroArgs,
     XacroLimits,
 )
-from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.simulation.setup import SimulatedSetup
@@ -215,7 +215,7 @@ def simulate(
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     require_boards(arm, rig_file)
     output = named(output, f"{arm.description.stem}_simulated.csv")
-    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     boards = rig_file.grids()
     sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
     pictured = any(own.by_camera for own in sensors)

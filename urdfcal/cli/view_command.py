@@ -30,7 +30,7 @@ from urdfcal.cli.options import (
     XacroArgs,
     XacroLimits,
 )
-from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import YAML, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.calibration.analysis.compensation import Compensation
@@ -151,7 +151,7 @@ def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: b
     """The calibrated robot, and how it gives way where that was named."""
     from urdfcal.base.files import read_yaml
 
-    if path.suffix.lower() not in (".yaml", ".yml"):
+    if path.suffix.lower() not in YAML:
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None), None
     content = read_yaml(path, CalibrationFileError).content
     if isinstance(content, dict) and content.get("urdfcal") == "compensation":
