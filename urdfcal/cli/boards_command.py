@@ -10,6 +10,7 @@ import typer
 
 from urdfcal.base.errors import InputError
 from urdfcal.cli.console import ProgressBar, finish, warn
+from urdfcal.cli.inputs import listed
 from urdfcal.cli.options import Json, Overwrite, Quiet
 from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
@@ -202,7 +203,7 @@ def _counts(views: _Views, number: int, one: Sought) -> dict[str, float | int | 
 
 
 def _told(output: Path, beside: Sequence[Path], pictures: int, counts: Mapping[str, Mapping[str, float | int | str]]) -> str:
-    lines = [f"wrote {output}{''.join(f' and {place}' for place in beside)}"]
+    lines = [f"wrote {listed([output, *beside])}"]
     for link, own in counts.items():
         seen = f"seen in {own['pictures']} of {pictures} pictures, {own['corners']} corners"
         lines.append(f"  {link}: {seen}, sigma {own['sigma_px']:.2f} px")
