@@ -76,15 +76,15 @@ class SimulatedSetup:
     camera: Any = None
     boards: Mapping[str, Grid] = field(default_factory=dict)
 
-    def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
-        """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        motion, chain = self._arm_at(q, session), self.errors.chain
-        seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
-        for index, frame in enumerate(chain.frames):
-            if frame.role == "target":
-                by_axis = motion.axis_derivatives(motion.from_base(twists, 0), index, 0)
-                seen[frame.name] = *motion.seen(index, 0), by_axis
-        return motion, seen
+    def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3]]]:
+        """Everything and, by target, its origin and axes in the measuring frame, at true positions q."""
+        motion, frames = self._arm_at(q, session), self.errors.chain.frames
+        return motion, {frame.name: motion.seen(index, 0) for index, frame in enumerate(frames) if frame.role == "target"}
+
+    def twists(self, motion: ArmMotion, target: str) -> Array3:
+        """Twists of a target in the measuring frame by the joints, (n, 6, inputs of the way)."""
+        index, n = self.errors.chain.frame_index("target", target), motion.posture.q.shape[1]
+        return motion.axis_derivatives(motion.from_base(np.broadcast_to(np.eye(6), (n, 6, 6)), 0), index, 0)
 
     def _arm_at(self, q: Matrix, session: str) -> ArmMotion:
         errors, arm = self.errors, self.errors.arm
