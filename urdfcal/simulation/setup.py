@@ -101,8 +101,9 @@ class SimulatedSetup:
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
-            label, at = (sensor.link, grid.points()) if grid is not None else (sensor.target, np.zeros((1, 3)))
+            label = sensor.target if grid is None else sensor.link
             if label not in found:
+                at = np.zeros((1, 3)) if grid is None else grid.points()
                 p, R = motion.seen(chain.frame_index("target", sensor.target), 0)
                 first = at[int(sensor.target.partition(":")[2])] if grid is not None else np.zeros(3)
                 found[label] = Subject(p - R @ first, R, at, grid is not None)
