@@ -14,6 +14,8 @@ from urdfcal.base.whole_files import require_writable, write_together, write_who
 
 __all__ = ["YamlFile", "read_yaml", "require_writable", "sha256", "write_together", "write_whole"]
 
+YAML_ENDINGS = (".yaml", ".yml")
+
 
 @dataclass(frozen=True)
 class YamlFile:
@@ -36,6 +38,11 @@ class YamlFile:
         from urdfcal.base.yaml_tree import line_of
 
         return line_of(self.tree, steps) or self.start
+
+
+def is_yaml(path: Path) -> bool:
+    """Whether a file is called YAML, as calibrations are and descriptions are not."""
+    return path.suffix.lower() in YAML_ENDINGS
 
 
 def read_yaml(path: str | Path, error: type[InputError]) -> YamlFile:

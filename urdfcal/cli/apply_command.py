@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, expanded_note, listed, load, stored_calibration
+from urdfcal.cli.inputs import about, expanded_note, lacking, listed, load, stored_calibration
 from urdfcal.cli.options import (
     Formats,
     Json,
@@ -63,6 +63,7 @@ def apply(
     """Put a stored calibration on a robot description (again)."""
     import numpy as np
 
+    from urdfcal.base.terminal import many
     from urdfcal.cli.fit_outputs import planned_formats
     from urdfcal.output.formats import Deployed
     from urdfcal.output.replaced import require_same
@@ -82,13 +83,12 @@ def apply(
         require_same(files)
     warn(deployed.warnings(plan), quiet)
     deliver(files)
-    if missing:
-        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
+    warn(lacking(arm, missing), quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
     places = {name: str(place) for name, place in plan.places.items()}
     finish(
         {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(told(files))} with {len(origins)} corrected {'origin' if len(origins) == 1 else 'origins'}"
+        f"wrote {listed(told(files))} with {many(len(origins), 'corrected origin')}"
         + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

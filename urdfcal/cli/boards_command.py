@@ -10,8 +10,9 @@ import typer
 
 from urdfcal.base.errors import InputError
 from urdfcal.cli.console import ProgressBar, finish, warn
+from urdfcal.cli.inputs import listed
 from urdfcal.cli.options import Json, Overwrite, Quiet
-from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.sensors.camera import Camera
@@ -81,7 +82,7 @@ def boards(
     sought = parse_boards(board, target)
     require_no_json(as_json, output)
     output = named(output, "measurements.csv")
-    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     files = picture_files(pictures)
     rig: dict[str | Path, bytes] = {} if output == STDOUT else {output.with_name(f"{output.stem}_rig.yaml"): rig_yaml(sought, camera_link)}
     beside = [Path(place) for place in rig]
@@ -108,17 +109,17 @@ def boards(
             for place, drawing in drawings.items():
                 (folder / place.name).write_bytes(drawing)
     deliver({output: content, **rig})
-    failed = _failed(views, sought)
+    failed, counts = _failed(views, sought), {one.link: _counts(views, number, one) for number, one in enumerate(sought)}
     warn([*([by_order] if by_order else []), *notes, *failed], quiet)
     machine = {
         "measurements": str(output),
         "rig": [str(place) for place in rig],
         "pictures": len(files),
-        "boards": {one.link: _counts(views, number, one) for number, one in enumerate(sought)},
+        "boards": counts,
         "failed": failed,
         "warnings": notes,
     }
-    finish(machine if as_json else None, _told(output, beside, views, sought), quiet)
+    finish(machine if as_json else None, _told(output, beside, len(views), counts), quiet)
 
 
 def _looked(
@@ -201,10 +202,9 @@ def _counts(views: _Views, number: int, one: Sought) -> dict[str, float | int | 
     }
 
 
-def _told(output: Path, beside: Sequence[Path], views: _Views, sought: Sequence[Sought]) -> str:
-    lines = [f"wrote {output}{''.join(f' and {place}' for place in beside)}"]
-    for number, one in enumerate(sought):
-        counts = _counts(views, number, one)
-        seen = f"seen in {counts['pictures']} of {len(views)} pictures, {counts['corners']} corners"
-        lines.append(f"  {one.link}: {seen}, sigma {counts['sigma_px']:.2f} px")
+def _told(output: Path, beside: Sequence[Path], pictures: int, counts: Mapping[str, Mapping[str, float | int | str]]) -> str:
+    lines = [f"wrote {listed([output, *beside])}"]
+    for link, own in counts.items():
+        seen = f"seen in {own['pictures']} of {pictures} pictures, {own['corners']} corners"
+        lines.append(f"  {link}: {seen}, sigma {own['sigma_px']:.2f} px")
     return "\n".join(lines)

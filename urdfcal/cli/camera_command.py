@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from urdfcal.base.errors import InputError, UsageError
+from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.cli.console import ProgressBar, say, show, warn
 from urdfcal.cli.options import Json, Overwrite, Quiet, Verbose
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
@@ -96,7 +97,7 @@ def camera(
     _require_screen(screen, markers, screen_board, board_origin, side, lens)
     require_no_json(as_json, output)
     output = named(output, "camera.yaml")
-    require_ending("-o", output, (".yaml", ".yml"), "a camera")
+    require_ending("-o", output, YAML_ENDINGS, "a camera")
     views = picture_files(images) if images else []
     require_places(output, inputs=(screen, markers, lens, *views))
     made_of = inputs_sha256((*views, lens, screen, markers))

@@ -45,7 +45,7 @@ def compare(
     from urdfcal.output.text.comparison import comparison_blocks, comparison_json
 
     def loaded(path: Path) -> Robot:
-        return load(path, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+        return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
     ours, theirs = _accounts((one, other), robot, loaded, quiet)
     found = run_compare(ours, theirs, tool or default_tool(ours, theirs), np.random.default_rng(seed))
@@ -54,11 +54,11 @@ def compare(
 
 def _accounts(paths: tuple[Path, Path], named: Path | None, loaded: Callable[[Path], Robot], quiet: bool) -> tuple[Account, Account]:
     """What the two files say; a calibration is put on the description beside it, or on the one that it names."""
+    from urdfcal.base.files import is_yaml
     from urdfcal.calibration.analysis.comparison import Account
     from urdfcal.output.accounts import account_of, described_in, silent_joints
-    from urdfcal.output.endings import is_record
 
-    stored = {path: stored_calibration(path) for path in paths if is_record(path)}
+    stored = {path: stored_calibration(path) for path in paths if is_yaml(path)}
     described = {path: loaded(path) for path in paths if path not in stored}
     base = loaded(named) if named else next(iter(described.values()), None) or loaded(described_in(stored[paths[0]]))
 

@@ -77,6 +77,7 @@ def correct(
     quiet: Quiet = False,
 ) -> None:
     """Correct targets for a controller that keeps its nominal geometry, so that the real tool comes where it was wanted."""
+    from urdfcal.calibration.analysis.comparison import Account, default_tool
     from urdfcal.deploy.programs.languages import is_program, read_program
     from urdfcal.deploy.target_csv import near_from, read_targets
     from urdfcal.deploy.targets import corrected
@@ -88,11 +89,11 @@ def correct(
     require_no_json(as_json, output)
     place = named(output, f"{targets.stem}_corrected{targets.suffix}")
     require_places(place, inputs=(robot, targets, calibration, compensation))
-    arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+    arm = load(robot, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
     stored = stored_calibration(calibration)
     real = account_of(stored, arm)
     measured = stored.measured if stored.measured in arm.tree.links else ""
-    nominal = Way.between(arm, tool or measured or _tool(arm, real.robot), base)
+    nominal = Way.between(arm, tool or measured or default_tool(Account(str(robot), arm), real), base)
     if frame and not is_program(targets):
         raise UsageError(f"--frame {frame[0]}: is about robot programs, and {targets} is a table; --base names the base")
     file = read_program(targets, nominal, frame or ()) if is_program(targets) else read_targets(targets, nominal)
@@ -105,14 +106,11 @@ def correct(
     deliver({place: content})
     warn(file.said, quiet)
     warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
-    machine = targets_json(found) | {"file": str(place), "made_of": inputs_sha256((robot, targets, calibration, compensation))}
-    show(machine if as_json else None, [*target_blocks(found, nominal), "", f"wrote {told([place])[0]}"])
-
-
-def _tool(nominal: Robot, real: Robot) -> str:
-    from urdfcal.calibration.analysis.comparison import Account, default_tool
-
-    return default_tool(Account("", nominal), Account("", real))
+    machine = None
+    if as_json:
+        made_of = inputs_sha256((robot, targets, calibration, compensation))
+        machine = targets_json(found) | {"file": str(place), "made_of": made_of}
+    show(machine, [*target_blocks(found, nominal), "", f"wrote {told([place])[0]}"])
 
 
 def _placements(nominal: Way, real: Robot, compensation: Path | None, package_dirs: list[Path] | None) -> Placements:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from urdfcal.base.errors import UsageError, no_such
-from urdfcal.base.files import sha256
+from urdfcal.base.files import is_yaml, sha256
 from urdfcal.base.version import __version__
 from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
@@ -150,7 +150,7 @@ def planned(
     reports = [named(report, f"{stem}_report.html") for report in reports]
     for report in reports:
         require_report_ending(report)
-    if compensation is not None and compensation.suffix not in (".yaml", ".yml"):
+    if compensation is not None and not is_yaml(compensation):
         raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
     return Outputs(planned_formats(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.base.errors import UsageError
+from urdfcal.base.files import YAML_ENDINGS, is_yaml
 from urdfcal.cli.console import finish
 from urdfcal.cli.inputs import load
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place, told
-from urdfcal.output.endings import RECORDS, is_record
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import SE3
@@ -74,20 +74,20 @@ def import_(
     """Take a calibration that somebody else made, such as the maker's own, in as one of ours: for apply, compare and fit --after."""
     from urdfcal.base.files import sha256
     from urdfcal.base.geometry import distance_mm_mrad
-    from urdfcal.base.terminal import rounded
+    from urdfcal.base.terminal import many, rounded
     from urdfcal.model.options import parse_prior
     from urdfcal.output.calibration_yaml import imported_yaml
     from urdfcal.output.imported import assumed_joints, corrections_to
     from urdfcal.output.replaced import require_marked
 
     def loaded(path: Path) -> Robot:
-        return load(path, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+        return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
     require_no_json(as_json, output)
     sure = parse_prior(sigma)
     nominal = loaded(robot)
     place = named(output, f"{nominal.description.stem}_calibration.yaml")
-    require_ending("-o", place, RECORDS, "a calibration")
+    require_ending("-o", place, YAML_ENDINGS, "a calibration")
     require_places(place, inputs=(robot, file))
     corrections = corrections_to(nominal, _origins(file, nominal, loaded, convention, tip))
     if not corrections:
@@ -102,7 +102,7 @@ def import_(
     mm, mrad = (max(each[part] for each in far) for part in (0, 1))
     finish(
         {"calibration": str(place), "joints": list(corrections), "most_mm": mm, "most_mrad": mrad} if as_json else None,
-        f"wrote {told([place])[0]} with {len(corrections)} {'origin' if len(corrections) == 1 else 'origins'}, "
+        f"wrote {told([place])[0]} with {many(len(corrections), 'origin')}, "
         f"up to {rounded(mm, 3)} mm and {rounded(mrad, 3)} mrad from nominal",
         quiet,
     )
@@ -122,4 +122,4 @@ def _origins(file: Path, robot: Robot, loaded: Callable[[Path], Robot], conventi
         return dh_origins(file, robot, tip, convention.value)
     if convention is not None or tip is not None:
         raise UsageError(f"--{'tip' if convention is None else 'convention'} is about tables of D-H errors (.csv), and {file} is none")
-    return read_origins(file, robot) if is_record(file) else origins_of(loaded(file), robot)
+    return read_origins(file, robot) if is_yaml(file) else origins_of(loaded(file), robot)

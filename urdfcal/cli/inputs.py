@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.errors import UsageError
+from urdfcal.base.files import is_yaml
 from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
@@ -28,7 +29,6 @@ _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
-_YAML = (".yaml", ".yml")
 _TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 
 
@@ -36,8 +36,8 @@ def load(
     path: Path,
     xacro_args: list[str] | None,
     package_dirs: list[Path] | None,
-    screen: str | None,
-    lasers: list[str] | None,
+    screen: str | None = None,
+    lasers: list[str] | None = None,
     rig: RigFile | None = None,
     *,
     xacro_limit: str | None = None,
@@ -104,13 +104,31 @@ def stored_calibration(path: Path) -> StoredCalibration:
     return stored
 
 
+def with_calibration(robot: Robot, path: Path, quiet: bool) -> Robot:
+    """The robot with a stored calibration put on it; what it lacks of the rig is said unless it is to be quiet.
+
+    Raises:
+        CalibrationFileError: the file is none, or not of this robot as it is.
+    """
+    from urdfcal.output.stored import corrected_robot
+
+    origins, missing = stored_calibration(path).origins_for(robot)
+    warn(lacking(robot, missing), quiet)
+    return corrected_robot(robot, origins)
+
+
+def lacking(robot: Robot, missing: Sequence[str]) -> list[str]:
+    """A warning of calibrated joints that a robot does not have; only those of the rig may be missing."""
+    return [f"{robot.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else []
+
+
 def _refuse_table(path: Path) -> None:
     """Refuse measurements, or a calibration, in the robot's place.
 
     Raises:
         UsageError: the file is called a table, or YAML, and is no XML.
     """
-    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if path.suffix.lower() in _YAML else ""
+    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if is_yaml(path) else ""
     if what and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
         behind = "the measurements" if what == "a table" else "other files"
         raise UsageError(f"{path}: is {what} where the robot is expected; the robot's URDF or xacro comes first, then {behind}")
@@ -191,12 +209,19 @@ def stated_area(text: str | None) -> ScreenArea | None:
     """
     from urdfcal.robot.sheet import ScreenArea
 
-    if text is None:
-        return None
-    sides = numbers_of("--screen-size-m", text, (1, 2), "the screen's width and height in m, such as 1.5 or 2,1.5")
+    return None if text is None else ScreenArea(stated_size(text, "the screen's width and height"))
+
+
+def stated_size(text: str, expected: str) -> tuple[float, float]:
+    """Width and height of --screen-size-m, [m]; a single number is both.
+
+    Raises:
+        UsageError: the text is none.
+    """
+    sides = numbers_of("--screen-size-m", text, (1, 2), f"{expected} in m, such as 1.5 or 2,1.5")
     for side in sides:
         positive("--screen-size-m", side)
-    return ScreenArea((sides[0], sides[-1]))
+    return sides[0], sides[-1]
 
 
 def numbers_of(option: str, text: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:

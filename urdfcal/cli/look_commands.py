@@ -22,7 +22,7 @@ from urdfcal.cli.inputs import (
     rig_file_of,
     rig_options,
     sensor_noise,
-    stored_calibration,
+    with_calibration,
 )
 from urdfcal.cli.options import (
     CameraOption,
@@ -207,11 +207,7 @@ def dh(
     say(verbose, about(arm))
     rows, corrected = table_with_slides(arm.chain, hayati), None
     if calibration is not None:
-        from urdfcal.output.stored import corrected_robot
-
-        origins, missing = stored_calibration(calibration).origins_for(arm)
-        warn([f"{robot} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else [], quiet)
-        corrected = table_with_slides(corrected_robot(arm, origins).chain, hayati)
+        corrected = table_with_slides(with_calibration(arm, calibration, quiet).chain, hayati)
     carried = build_error_model(arm.chain, arm.rig).carried
     machine: dict[str, Any] = {"nominal": dh_json(rows), "corrected": dh_json(corrected) if corrected else None, "carried": dict(carried)}
     heading = "left out of the automatic error model, since no measurement could tell them from others:"

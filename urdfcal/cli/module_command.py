@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from urdfcal.base.errors import UsageError
+from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import load, positive
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
@@ -63,7 +64,7 @@ def module(
     noise = positive("--reading-sigma-mm", reading_sigma_mm)
     require_no_json(as_json, output)
     output = named(output, "module.yaml")
-    require_ending("-o", output, (".yaml", ".yml"), "a rig file")
+    require_ending("-o", output, YAML_ENDINGS, "a rig file")
     require_places(output, inputs=(bench, robot))
     made_of = inputs_sha256((bench, robot))
     if not overwrite:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.cli.console import ProgressBar, say, show
-from urdfcal.cli.inputs import about, load, papers_arm
+from urdfcal.cli.inputs import about, listed, load, papers_arm
 from urdfcal.cli.options import (
     OUTPUT,
     Json,
@@ -105,7 +105,7 @@ def paper(
     contents = _files(found, report, latex, made_of)
     deliver(contents)
     blocks = [block for number, repeated in enumerate(found) for block in ([""] if number else []) + study_blocks(repeated)]
-    written = ["", f"wrote {' and '.join(told(contents))}"] if contents and not quiet else []
+    written = ["", f"wrote {listed(told(contents))}"] if contents and not quiet else []
     show(paper_json(found) | {"files": [str(place) for place in contents]} if as_json else None, [*blocks, *written])
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from urdfcal.base.errors import UsageError
 
 STDOUT = Path("-")
+MEASUREMENTS = (".csv", ".txt", ".tsv", "")  # what measurements are written to
 _DEFAULT_NAME = "<default name>"
 
 

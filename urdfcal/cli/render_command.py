@@ -9,12 +9,13 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import about, load, positive, stated_area, stored_calibration
+from urdfcal.cli.inputs import about, load, positive, stated_area, with_calibration
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, require_places
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix
+    from urdfcal.base.tables import Table
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.camera import Camera
     from urdfcal.vision.camera.markers import ScreenMarkers
@@ -113,7 +114,8 @@ def render(
             raise UsageError(f"{name} {share:g}: expected a number from 0 to 1")
     diameter = (positive("--spot-mm", spot_mm) or 4.0) * 1e-3
     look = Beam(words[0], diameter / 4, positive("--brightness", brightness) or 0.9, halo)
-    (meant, odd), area = _beams(arm, poses, calibrated), stated_area(screen_size_m) or stated_sheet(arm)
+    table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
+    (meant, odd), area = _beams(arm, poses, table, calibrated), stated_area(screen_size_m) or stated_sheet(arm)
     beams = meant.within(area) if area else meant
     layout = read_screen_markers(markers) if markers else None
     view = usual_camera(beams.spots.reshape(-1, 2), _corners(layout)) if camera is None else read_camera(camera)
@@ -132,7 +134,6 @@ def render(
     view.spots_of_pixels(np.zeros((1, 2)))  # refuses a camera without a screen
     require_new_folder(output)
     require_places(*([dark] if dark else []), inputs=(robot, poses, camera, calibrated, markers))
-    table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
     names = _names(table.columns.get("pose", [str(number) for number in range(1, len(table) + 1)]))
     shown: list[np.ndarray[tuple[int], np.dtype[np.bool_]]] = []
     unlit: dict[str | Path, bytes] = {}
@@ -163,29 +164,19 @@ def render(
     )
 
 
-def _beams(arm: Robot, poses: Path, calibrated: Path | None) -> tuple[LitSpots, tuple[str, ...]]:
+def _beams(arm: Robot, poses: Path, table: Table, calibrated: Path | None) -> tuple[LitSpots, tuple[str, ...]]:
     """Spots and directions: those of the file where it has any, else the robot's; and what is odd about the joints' positions."""
-    from urdfcal.base.tables import read_table
-    from urdfcal.sensors.column_names import as_people_write
     from urdfcal.sensors.joint_columns import JointColumns
     from urdfcal.sensors.measurements_csv import read_measurements
     from urdfcal.vision.render.pictures import LitSpots, nominal_spots
 
-    table = as_people_write(read_table(poses, "a column a joint", "one row a pose"), arm)
     joints = JointColumns(table, arm)
     odd = (*table.notes, *joints.warnings())
-    shown = _corrected(arm, calibrated) if calibrated else arm
+    shown = with_calibration(arm, calibrated, quiet=True) if calibrated else arm
     if calibrated is None and any(f"{laser}.y" in table.names for laser in arm.rig.lasers):
         data = read_measurements(poses, arm)
         return LitSpots(data.spots, nominal_spots(arm, data.q).direction), odd
     return nominal_spots(shown, joints.positions), odd
-
-
-def _corrected(arm: Robot, calibrated: Path) -> Robot:
-    from urdfcal.output.stored import corrected_robot
-
-    origins, _ = stored_calibration(calibrated).origins_for(arm)
-    return corrected_robot(arm, origins)
 
 
 def _corners(layout: ScreenMarkers | None) -> Matrix | None:

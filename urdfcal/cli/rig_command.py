@@ -12,7 +12,7 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, positive
+from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, stated_size
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place, told
 
@@ -109,6 +109,7 @@ def rig(
     verbose: Verbose = False,
 ) -> None:
     """Put a module and a screen, a board or a tracker's target on a robot, without writing URDF or xacro."""
+    from urdfcal.base.terminal import many
     from urdfcal.output.replaced import require_same
     from urdfcal.robot.added_rig import require_free, require_moving, with_pieces
     from urdfcal.robot.robot import robot_from
@@ -116,7 +117,7 @@ def rig(
     require_no_json(as_json, output)
     asked = _Asked(tip, screen, board, tracker, offset, turn_deg, screen_turn_deg, screen_size_m)
     asked.require_whole()
-    arm = load(robot, xacro_arg, package_dir, None, None, xacro_limit=xacro_limit, quiet=quiet)
+    arm = load(robot, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_rigged.urdf")
     require_ending("-o", output, (".urdf", ".xml"), "a robot description")
     notes = None if output == STDOUT or board is None else output.with_name(f"{output.stem}_rig.yaml")
@@ -138,7 +139,7 @@ def rig(
     following = _following(output, notes, pieces, base)
     wide, new = max(len(piece.links[0]) for piece in pieces), sum(len(piece.links) for piece in pieces)
     lines = [f"{piece.links[0]:<{wide}}   {_where(piece)}" for piece in pieces]
-    lines += [f"wrote {listed(told(files))}: {new} new {'link' if new == 1 else 'links'}, all else as it was{expanded_note(arm)}", "next:"]
+    lines += [f"wrote {listed(told(files))}: {many(new, 'new link')}, all else as it was{expanded_note(arm)}", "next:"]
     lines += [f"  {command}" for command in following]
     say(verbose, f"{arm.name} had {len(arm.tree.links)} links and {len(arm.tree.joints)} joints")
     finish(_machine(files, pieces, following) if as_json else None, "\n".join(lines), quiet)
@@ -195,10 +196,8 @@ class _Asked:
         if self.screen is not None:
             there = replace(Stand(base), xyz=_three("--screen", self.screen, "its middle in m, such as 1.3,0,0.5"))
             there = replace(there, rpy=_turn("--screen-turn-deg", self.screen_turn_deg))
-            sides = numbers_of("--screen-size-m", self.screen_size_m, (1, 2), "width and height in m, such as 1.5 or 2,1.5")
-            for side in sides:
-                positive("--screen-size-m", side)
-            found += [module_on(arm.tree, here, prefix), screen_on(arm.tree, there, tip, (sides[0], sides[-1]), prefix)]
+            size = stated_size(self.screen_size_m, "width and height")
+            found += [module_on(arm.tree, here, prefix), screen_on(arm.tree, there, tip, size, prefix)]
         found += [board_on(arm.tree, here, grid, prefix)] if grid is not None else []
         return found + ([target_on(arm.tree, here, prefix)] if self.tracker else [])
 

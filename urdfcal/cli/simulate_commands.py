@@ -1,9 +1,8 @@
-"""`urdfcal simulate` and `paper`: measurements of robots whose errors are known."""
+"""`urdfcal simulate`: measurements of robots whose errors are known."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,14 +38,13 @@ from urdfcal.cli.options import (
     XacroArgs,
     XacroLimits,
 )
-from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
-    from urdfcal.robot.sheet import ScreenArea
     from urdfcal.simulation.setup import SimulatedSetup
 
 
-_MOST_POSES, _MOST_PLACES, _MOST_RUNS = 100_000, 1000, 10_000  # more take all memory, or days, and nobody measures so many
+_MOST_POSES, _MOST_PLACES = 100_000, 1000  # more take all memory, and nobody measures so many
 
 
 class SimulateCommand(OurCommand):
@@ -196,23 +194,20 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Simulate measurements of a robot with stated or random errors."""
-    from dataclasses import replace
-
     import numpy as np
 
     from urdfcal.base.files import sha256
     from urdfcal.base.terminal import many
-    from urdfcal.calibration.reach import drawn_in_view, screen_area
+    from urdfcal.calibration.reach import screen_area
     from urdfcal.model.parameters import INSTRUMENTS
     from urdfcal.output.calibration_yaml import truth_yaml
     from urdfcal.output.replaced import require_marked
     from urdfcal.robot.configurations import require_room, without_room
     from urdfcal.robot.corrections import OriginCorrection
     from urdfcal.sensors.measurements_csv import measurements_csv
-    from urdfcal.sensors.registry import SENSORS
-    from urdfcal.simulation.readings import reading_noise, simulated_readings
-    from urdfcal.simulation.readings import simulate as run_simulate
-    from urdfcal.simulation.setup import SENSOR_KINDS, parse_sensors, seen_with, simulated_setup
+    from urdfcal.simulation.readings import reading_noise
+    from urdfcal.simulation.setup import parse_sensors, seen_with
+    from urdfcal.simulation.simulated import simulated_by
     from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
 
     require_no_json(as_json, output)
@@ -220,10 +215,10 @@ def simulate(
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     require_boards(arm, rig_file)
     output = named(output, f"{arm.description.stem}_simulated.csv")
-    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     boards = rig_file.grids()
     sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
-    pictured = any(SENSORS[kind].by_camera for own in sensors for kind in SENSOR_KINDS[own.kind])
+    pictured = any(own.by_camera for own in sensors)
     _require_use_of(camera, pictured, output)
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
     lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None
@@ -237,9 +232,9 @@ def simulate(
         for place, marks in written.items():
             require_marked(place, marks, "result of urdfcal simulate for this robot")
     rng = np.random.default_rng(seed)
-    simulated = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
+    read_with = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
-    setup, lens = None, _usual_lens() if lens_file else camera_of(camera)
+    lens = _usual_lens() if lens_file else camera_of(camera)
     if sensors:
         arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
     area = stated_area(screen_size_m) or screen_area(arm)
@@ -250,34 +245,29 @@ def simulate(
     model, x = truth_of(arm, errors, rng)
     if soft:
         model, x = soft_truth(arm, model, x, soft, rng)
-    if sensors:
-        setup = simulated_setup(
-            arm,
-            model,
-            x,
-            sensors,
-            rng,
-            reference_known=rig_file.reference_known,
-            target_known=rig_file.target_known,
-            area=area,
-            camera=lens,
-            boards=boards,
-        )
-        model, x = setup.errors, setup.x
-        found = simulated_readings(setup, poses + test_poses, rng, simulated)
-        data, looked = found.data, found.looked
-    else:
-        drawn = drawn_in_view(arm, model, x, poses + test_poses, rng, area=area)
-        data, looked = run_simulate(arm, model, x, drawn.q, rng, simulated), drawn.looked
-    again = _drawn_again(len(data), looked, lasers, area, setup)
-    data = replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses))
+    setup, found = simulated_by(
+        arm,
+        model,
+        x,
+        sensors,
+        (poses, test_poses),
+        rng,
+        read_with,
+        area=area,
+        reference_known=rig_file.reference_known,
+        target_known=rig_file.target_known,
+        camera=lens,
+        boards=boards,
+    )
+    model, x, data, looked = setup.errors, setup.x, found.data, found.looked
+    again = _drawn_again(len(data), looked, lasers, setup)
     joints = arm.tree.joints
     corrections = {
         name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
     }
     sizes = {"spot_mm": spot_noise_mm} if lasers else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
-    sizes |= {"pixel_px": pixel_noise_px} if setup and setup.pictured else {}
+    sizes |= {"pixel_px": pixel_noise_px} if setup.pictured else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
     stated = {"distribution": noise.value, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
     comments = [
@@ -286,11 +276,11 @@ def simulate(
         + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
         *again,
-        *(_advice(setup, lens_file or camera, rig, boards) if setup else ()),
+        *_advice(setup, lens_file or camera, rig),
     ]
     values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
     truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
-    if setup:
+    if sensors:
         import yaml
 
         truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
@@ -344,16 +334,16 @@ def _in_words(sizes: dict[str, float]) -> str:
     return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
 
 
-def _drawn_again(poses: int, looked: int, lasers: bool, area: ScreenArea, setup: SimulatedSetup | None) -> list[str]:
+def _drawn_again(poses: int, looked: int, lasers: bool, setup: SimulatedSetup) -> list[str]:
     """How many random poses were passed over, and why; nothing where none was."""
     if looked <= poses:
         return []
-    wanted = [f"with every beam on the screen of {area}"] if lasers else []
-    wanted += ["with the board in the picture"] if setup and setup.pictured else []
+    wanted = [f"with every beam on the screen of {setup.area}"] if lasers else []
+    wanted += ["with the board in the picture"] if setup.pictured else []
     return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
 
 
-def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None, boards: Mapping[str, Any]) -> list[str]:
+def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None) -> list[str]:
     """What a fit has to be told beyond the file: the reference link, the camera, boards, a length where only touches were made."""
     from itertools import pairwise
 
@@ -366,8 +356,8 @@ def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None, boards
         by = f" --camera {camera}" if setup.pictured else ""
         by += f" --rig {rig}" if rig else ""
         lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}{by}")
-    if boards and setup.pictured:
-        entries = ", ".join(f"{link}: '{grid}'" for link, grid in boards.items())
+    if setup.boards and setup.pictured:
+        entries = ", ".join(f"{link}: '{grid}'" for link, grid in setup.boards.items())
         lines.append(f"for a rig.yaml: boards: {{{entries}}}")
     sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
     apart = {

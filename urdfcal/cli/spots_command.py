@@ -11,7 +11,7 @@ from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
 from urdfcal.cli.inputs import listed, load, positive
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
-from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import MEASUREMENTS, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Array3
@@ -109,7 +109,7 @@ def spots(
     files = image_files(images, [dark] if dark else [])
     require_no_json(as_json, output)
     output = named(output, "measurements.csv")
-    require_ending("-o", output, (".csv", ".txt", ".tsv", ""), "a file of measurements")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     require_places(output, inputs=(camera, poses, robot, dark, *files))
     made_of = inputs_sha256((*files, camera, poses, robot, dark))
     if not overwrite:

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import UsageError, nearest_of
+from urdfcal.base.files import YAML_ENDINGS
 
 _CHOICE = re.compile(r"'(?P<found>[^']*)' is not one of (?P<choices>'.*')")
-_FILES = (".urdf", ".xacro", ".csv", ".xlsx", ".yaml", ".yml")
+_FILES = (".urdf", ".xacro", ".csv", ".xlsx", *YAML_ENDINGS)
 
 
 def usage_words(error: Any) -> str:

@@ -11,7 +11,7 @@ import typer
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, load, measured, rig_file_of, stored_calibration
+from urdfcal.cli.inputs import about, load, measured, rig_file_of, with_calibration
 from urdfcal.cli.options import (
     CameraOption,
     Json,
@@ -121,14 +121,15 @@ def view(
     address = (_HOST if host is None else host, _PORT if port is None else port)
     require_address(*address)
     require_no_json(as_json, html)
-    rig_file, shown = rig_file_of(rig, reference_known, target_known), (robot, measurements, calibrated, rig, camera)
+    rig_file, shown, made_of = rig_file_of(rig, reference_known, target_known), (robot, measurements, calibrated, rig, camera), ""
     arm, data = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet), None
     if html is not None:
         html = named(html, f"{arm.description.stem}.html")
         require_places(html, inputs=shown)
         require_ending("--html", html, (".html", ".htm"), "a page")
+        made_of = inputs_sha256(shown)
         if not overwrite:
-            require_marked(html, ('id="urdfcal-scene"', inputs_sha256(shown)), "page that urdfcal view has made of the same files")
+            require_marked(html, ('id="urdfcal-scene"', made_of), "page that urdfcal view has made of the same files")
     if measurements is not None:
         arm, data = measured(arm, measurements, rig_file, reference, target, camera)
     other, bending = (None, None) if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
@@ -140,7 +141,7 @@ def view(
     if html is None:
         _serve(seen, *address, no_open, as_json, quiet)
         return
-    page = f"{seen.html}<!-- of {inputs_sha256(shown)} -->\n".encode()
+    page = f"{seen.html}<!-- of {made_of} -->\n".encode()
     deliver({html: page})
     size = len(page)
     finish({"html": str(html), "bytes": size} if as_json else None, f"wrote {html} ({size / 1e6:.1f} MB)", quiet)
@@ -148,11 +149,9 @@ def view(
 
 def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: bool) -> tuple[Robot, Compensation | None]:
     """The calibrated robot, and how it gives way where that was named."""
-    from urdfcal.base.files import read_yaml
-    from urdfcal.output.endings import is_record
-    from urdfcal.output.stored import corrected_robot
+    from urdfcal.base.files import is_yaml, read_yaml
 
-    if not is_record(path):
+    if not is_yaml(path):
         return load(path, None, package_dir, arm.screen, list(arm.lasers) if arm.lasers else None), None
     content = read_yaml(path, CalibrationFileError).content
     if isinstance(content, dict) and content.get("urdfcal") == "compensation":
@@ -160,10 +159,7 @@ def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: b
 
         bending = load_compensation(path, package_dir or ())
         return bending.robot, bending
-    origins, missing = stored_calibration(path).origins_for(arm)
-    if missing:
-        warn([f"{arm.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"], quiet)
-    return corrected_robot(arm, origins), None
+    return with_calibration(arm, path, quiet), None
 
 
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from urdfcal.base.files import YAML_ENDINGS
+
 ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
-RECORDS = (".yaml", ".yml")
-
-
-def is_record(path: Path) -> bool:
-    """Whether a file is called a calibration, and not a description."""
-    return path.suffix.lower() in RECORDS
 
 
 def stem_of(path: Path) -> str:
@@ -18,4 +14,4 @@ def stem_of(path: Path) -> str:
     for ending in ENDINGS.values():
         if path.name.endswith(ending) and path.name != ending:
             return path.name.removesuffix(ending)
-    return path.stem if path.suffix in (".urdf", ".yaml", ".yml") else path.name
+    return path.stem if path.suffix in (".urdf", *YAML_ENDINGS) else path.name

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from urdfcal.base.errors import UsageError, did_you_mean
+from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
 from urdfcal.output.endings import ENDINGS, stem_of
@@ -19,7 +20,7 @@ from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
-_FOREIGN = {"urdf": (".yaml", ".yml", *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
+_FOREIGN = {"urdf": (*YAML_ENDINGS, *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
 
 @dataclass(frozen=True)

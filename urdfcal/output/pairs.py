@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from urdfcal.base.errors import CalibrationFileError, MixedFilesWarning
-from urdfcal.base.files import read_yaml, sha256
+from urdfcal.base.files import is_yaml, read_yaml, sha256
 from urdfcal.base.opened import unnoted
-from urdfcal.output.endings import is_record, stem_of
+from urdfcal.output.endings import stem_of
 
 CORRECTED = "calibration_sha256"  # entry of a camera's file that a fit has written: the hash of its record
 _CAMERA = "_camera.yaml"
@@ -45,7 +45,7 @@ def mixed(path: Path) -> tuple[str, ...]:
     """
     if path.name.endswith(_CAMERA):
         return _mixed_camera(path)
-    record = path if is_record(path) else record_beside(path)
+    record = path if is_yaml(path) else record_beside(path)
     if not record.is_file():
         return ()
     with unnoted():  # a calibration that nobody named is no input

@@ -25,11 +25,15 @@ def joint_limits(robot: Robot, measured: Matrix | None = None) -> Matrix:
         robot: The robot.
         measured: Positions of these joints, (n, inputs), [rad] or [m]; their range stands for limits that leave a joint no room.
     """
-    pairs = [(-_FREE_TURN, _FREE_TURN) if joint.type == "continuous" else (joint.lower, joint.upper) for joint in robot.chain.inputs]
-    limits = np.array(pairs).T
+    limits = np.array([_span(joint) for joint in robot.chain.inputs]).T
     if measured is None or not len(measured):
         return limits
     return np.where([not has_room(joint) for joint in robot.chain.inputs], [measured.min(axis=0), measured.max(axis=0)], limits)
+
+
+def _span(joint: UrdfJoint) -> tuple[float, float]:
+    """Between which positions a joint is drawn, [rad] or [m]."""
+    return (-_FREE_TURN, _FREE_TURN) if joint.type == "continuous" else (joint.lower, joint.upper)
 
 
 def has_room(joint: UrdfJoint) -> bool:
@@ -118,11 +122,7 @@ def whole_configurations(robot: Robot, q: Matrix) -> Matrix:
 
 def random_configurations(robot: Robot, rng: np.random.Generator, count: int) -> Matrix:
     """Random positions of every joint that moves, (n, nq); mimic joints follow their leaders, the rest stays at neutral."""
-    joints = {name: joint for name, joint in robot.tree.joints.items() if joint.moves}
-    drawn = {
-        name: rng.uniform(-np.pi, np.pi, count) if joint.type == "continuous" else rng.uniform(joint.lower, joint.upper, count)
-        for name, joint in joints.items()
-    }
+    drawn = {name: rng.uniform(*_span(joint), count) for name, joint in robot.tree.joints.items() if joint.moves}
     return WholeRobot(robot, list(drawn)).configurations(np.column_stack(list(drawn.values())))
 
 

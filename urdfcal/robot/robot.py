@@ -11,6 +11,7 @@ from typing import Any
 from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.terminal import many
 from urdfcal.robot.chain import Chain, build_chain
 from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.pinocchio_model import pinocchio_model
@@ -82,7 +83,7 @@ class Robot:
     @property
     def _counted(self) -> str:
         moving = sum(joint.moves for joint in self.tree.joints.values())
-        return f"{moving} moving {'joint' if moving == 1 else 'joints'}, {len(self.tree.links)} links"
+        return f"{many(moving, 'moving joint')}, {len(self.tree.links)} links"
 
     @property
     def _measured_by(self) -> str:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from urdfcal.base.errors import RobotError, no_such
+from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, product
 from urdfcal.base.rotations import skew
 from urdfcal.robot.chain import leader_of
@@ -46,10 +46,8 @@ class Way:
             RobotError: no such link, the base does not carry the tool, or no joint moves the one in the other.
         """
         tree = robot.tree
-        for link in (tool, base or tree.root):
-            if link not in tree.links:
-                raise RobotError(no_such("link", link, tree.links), robot.description.label)
-        way = cls(robot, base or tree.root, tool)
+        tree.require_link(tool)
+        way = cls(robot, tree.require_link(base or tree.root), tool)
         path = tree.path_from_root(tool)
         if way.base != tree.root and way.base not in {joint.child for joint in path}:
             raise RobotError(f"the link '{way.base}' does not carry '{tool}'", robot.description.label)

@@ -55,6 +55,11 @@ class SimulatedNoise:
             total += rng.normal(0.0, scale, shape) if self.distribution == "gaussian" else rng.uniform(-scale, scale, shape)
         return total / self.readings
 
+    def positions(self, robot: Robot, q: Matrix, rng: np.random.Generator) -> Matrix:
+        """What encoders read of true positions q, (n, inputs); slides are read as they are."""
+        turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
+        return np.asarray(q + self.draw(rng, self.joint, q.shape) * turning)
+
 
 def simulate(
     robot: Robot, errors: ErrorModel, x: Vector, q: Matrix, rng: np.random.Generator, noise: SimulatedNoise | None = None
@@ -71,8 +76,7 @@ def simulate(
     """
     noise = noise or SimulatedNoise()
     spots = true_spots(robot, errors, x, q)
-    turning = np.array([0.0 if joint.prismatic else 1.0 for joint in robot.chain.inputs])
-    readings = q + noise.draw(rng, noise.joint, q.shape) * turning
+    readings = noise.positions(robot, q, rng)
     return spots_measured(robot, readings, spots + noise.draw(rng, noise.spot, spots.shape))
 
 
@@ -154,10 +158,9 @@ def simulated_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generat
     q, spots = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     readings = [_joined([part[2][index] for part in parts]) for index in range(len(parts[0][2]))]
     readings = [each for each in readings if each.seen.any() or not each.kind.by_camera]  # corners that no picture shows get no column
-    turning = np.array([0.0 if joint.prismatic else 1.0 for joint in setup.robot.chain.inputs])
     data = Measurements(
         joints=setup.robot.chain.input_names,
-        q=q + noise.draw(rng, noise.joint, q.shape) * turning,
+        q=noise.positions(setup.robot, q, rng),
         readings=(*spot_readings(setup.robot.rig.lasers, spots), *readings),
         poses=np.array([str(number) for number in range(1, poses + 1)]),
         sets=np.full(poses, "fit", dtype="<U4"),

@@ -48,6 +48,11 @@ class SimulatedSensor:
     link: str
     places: int = 0
 
+    @property
+    def by_camera(self) -> bool:
+        """Whether it is read in pictures."""
+        return any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[self.kind])
+
 
 @dataclass(frozen=True)
 class SimulatedSetup:
@@ -71,20 +76,20 @@ class SimulatedSetup:
     camera: Any = None
     boards: Mapping[str, Grid] = field(default_factory=dict)
 
-    def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3, Array3]]]:
-        """Everything and, by target, its origin and axes in the measuring frame with its twists by the joints, at true positions q."""
-        motion, chain = arm_motion(self.errors, q, self.x, session), self.errors.chain
-        seen, twists = {}, np.broadcast_to(np.eye(6), (len(q), 6, 6))
-        for index, frame in enumerate(chain.frames):
-            if frame.role == "target":
-                by_axis = motion.axis_derivatives(motion.from_base(twists, 0), index, 0)
-                seen[frame.name] = *motion.seen(index, 0), by_axis
-        return motion, seen
+    def motion(self, q: Matrix, session: str) -> tuple[ArmMotion, dict[str, tuple[Matrix, Array3]]]:
+        """Everything and, by target, its origin and axes in the measuring frame, at true positions q."""
+        motion, frames = arm_motion(self.errors, q, self.x, session), self.errors.chain.frames
+        return motion, {frame.name: motion.seen(index, 0) for index, frame in enumerate(frames) if frame.role == "target"}
+
+    def twists(self, motion: ArmMotion, target: str) -> Array3:
+        """Twists of a target in the measuring frame by the joints, (n, 6, inputs of the way)."""
+        index, n = self.errors.chain.frame_index("target", target), motion.posture.q.shape[1]
+        return motion.axis_derivatives(motion.from_base(np.broadcast_to(np.eye(6), (n, 6, 6)), 0), index, 0)
 
     @property
     def pictured(self) -> tuple[SimulatedSensor, ...]:
         """What the camera reads."""
-        return tuple(sensor for sensor in self.sensors if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]))
+        return tuple(sensor for sensor in self.sensors if sensor.by_camera)
 
     def subjects(self, q: Matrix, session: str) -> list[Subject]:
         """What the camera looks at, in its own axes, at true positions q."""
@@ -92,8 +97,9 @@ class SimulatedSetup:
         found: dict[str, Subject] = {}
         for sensor in self.pictured:
             grid = self.boards.get(sensor.link)
-            label, at = (sensor.link, grid.points()) if grid is not None else (sensor.target, np.zeros((1, 3)))
+            label = sensor.target if grid is None else sensor.link
             if label not in found:
+                at = np.zeros((1, 3)) if grid is None else grid.points()
                 p, R = motion.seen(chain.frame_index("target", sensor.target), 0)
                 first = at[int(sensor.target.partition(":")[2])] if grid is not None else np.zeros(3)
                 found[label] = Subject(p - R @ first, R, at, grid is not None)
@@ -134,7 +140,7 @@ def parse_sensors(
 
 
 def _by_corners(sensor: SimulatedSensor, boards: Mapping[str, Grid]) -> Sequence[SimulatedSensor]:
-    grid = boards.get(sensor.target) if any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[sensor.kind]) else None
+    grid = boards.get(sensor.target) if sensor.by_camera else None
     return [sensor] if grid is None else [replace(sensor, target=f"{sensor.link}:{corner}") for corner in range(grid.corners)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,18 +12,19 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.base.notebook import card
-from urdfcal.calibration.reach import draw_poses
+from urdfcal.calibration.reach import drawn_in_view
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.robot.configurations import require_room
+from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.simulation.readings import Distribution, ReadingNoise, simulate_readings
+from urdfcal.simulation.readings import Distribution, ReadingNoise, Simulated, simulated_readings
 from urdfcal.simulation.readings import simulate as simulate_spots
-from urdfcal.simulation.setup import parse_sensors, seen_with, simulated_setup
+from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup, parse_sensors, seen_with, simulated_setup
 from urdfcal.simulation.truth import random_truth, stated_truth
 
 ERRORS = 2 * MM, 0.2 * DEG
@@ -122,13 +124,73 @@ def simulate(
     seen = seen_with(robot, named, reference or "", lasers) if named else robot
     require_room(seen)
     model, x = _truth(seen, errors, error_model, rng)
-    area, count = ScreenArea(screen_size), poses + test_poses
-    if named:
-        setup = simulated_setup(seen, model, x, named, rng, reference_known=reference_known, target_known=target_known, area=area)
-        model, x, data = setup.errors, setup.x, simulate_readings(setup, count, rng, noise)
+    setup, found = simulated_by(
+        seen,
+        model,
+        x,
+        named,
+        (poses, test_poses),
+        rng,
+        noise,
+        area=ScreenArea(screen_size),
+        reference_known=reference_known,
+        target_known=target_known,
+    )
+    return Simulation(found.data, seen, setup.errors, setup.x)
+
+
+def simulated_by(
+    robot: Robot,
+    errors: ErrorModel,
+    x: Vector,
+    sensors: Sequence[SimulatedSensor],
+    poses: tuple[int, int],
+    rng: np.random.Generator,
+    noise: ReadingNoise,
+    *,
+    area: ScreenArea,
+    reference_known: bool = False,
+    target_known: bool = False,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
+) -> tuple[SimulatedSetup, Simulated]:
+    """What sensors read of a robot with known errors, and where everything stands that measures it.
+
+    Args:
+        robot: Nominal robot, as the sensors see it.
+        errors: Error model of the truth, built for it.
+        x: The truth, (p,), [m] and [rad].
+        sensors: What reads; none for the robot's lasers alone.
+        poses: How many to fit, and how many to test.
+        rng: Source of randomness.
+        noise: Of what is read.
+        area: The screen.
+        reference_known: As for `simulated_setup`.
+        target_known: The same.
+        camera: The same.
+        boards: The same.
+
+    Raises:
+        UsageError: poses that sensors can read are too rare, or pixels are to be read without a camera.
+    """
+    if sensors:
+        setup = simulated_setup(
+            robot,
+            errors,
+            x,
+            sensors,
+            rng,
+            reference_known=reference_known,
+            target_known=target_known,
+            area=area,
+            camera=camera,
+            boards=boards,
+        )
+        found = simulated_readings(setup, sum(poses), rng, noise)
     else:
-        data = simulate_spots(seen, model, x, draw_poses(seen, model, x, count, rng, area=area), rng, noise)
-    return Simulation(replace(data, sets=np.array(["fit"] * poses + ["test"] * test_poses)), seen, model, x)
+        setup, drawn = SimulatedSetup(robot, errors, x, (), area), drawn_in_view(robot, errors, x, sum(poses), rng, area=area)
+        found = Simulated(simulate_spots(robot, errors, x, drawn.q, rng, noise), drawn.looked)
+    return setup, replace(found, data=replace(found.data, sets=np.repeat(["fit", "test"], poses)))
 
 
 def _truth(

@@ -97,11 +97,12 @@ def _newton(setup: SimulatedSetup, session: str, wanted: Sequence[_Goal], q: Mat
     across, points = np.array([goal.across for goal in wanted]), np.array([goal.point for goal in wanted])
     short = np.full((len(wanted), 3), np.inf)
     for _ in range(_ROUNDS):
-        seen = setup.motion(q, session)[1]
-        p, by_joint = (np.stack([seen[target][part] for target in targets])[own, pick] for part in (0, 2))
+        motion, seen = setup.motion(q, session)
+        p = np.stack([seen[target][0] for target in targets])[own, pick]
         short = (across @ (points - p)[..., None])[..., 0]
         if np.abs(short).max() < _REACHED:
             break
+        by_joint = np.stack([setup.twists(motion, target) for target in targets])[own, pick]
         J = across @ point_jacobian(p) @ by_joint
         step = (J.transpose(0, 2, 1) @ np.linalg.solve(J @ J.transpose(0, 2, 1) + _DAMPING * np.eye(3), short[..., None]))[..., 0]
         q = np.clip(q + step * np.minimum(1.0, _LONGEST_STEP / np.maximum(np.linalg.norm(step, axis=1), _DAMPING))[:, None], lower, upper)

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from urdfcal.base.errors import InputError, UsageError, no_such
-from urdfcal.base.files import YamlFile, read_yaml
+from urdfcal.base.files import YamlFile, is_yaml, read_yaml
 from urdfcal.base.geometry import Vector
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gauge import build_error_model
@@ -71,7 +71,7 @@ def truth_of(robot: Robot, errors: str, rng: np.random.Generator) -> tuple[Error
         UsageError: neither a pair of scales nor a file, or an unknown parameter.
         InputError: the file cannot be read.
     """
-    if errors.endswith((".yaml", ".yml")):
+    if is_yaml(Path(errors)):
         return _from_file(robot, Path(errors))
     if errors.strip() == "none":
         return random_truth(robot, rng, 0.0, 0.0)
