@@ -203,7 +203,20 @@ YAMLS = {
     "rig noise of no joint": (RIG, {"rig.yaml": "noise: {joints_deg: {elbow: 1}}"}, "no joint named 'elbow' among 3 joints"),
     "rig prior": (RIG, {"rig.yaml": "priors: {joint: 1}"}, "rig.yaml:1: entry 'priors.joint': Input should be a valid string, found 1"),
     "calibration missing": (APPLY, {}, "c.yaml: cannot be read: No such file"),
-    "calibration is a rig": (APPLY, {"c.yaml": "screen: a"}, "c.yaml: is no calibration: it has no entry 'joints'"),
+    "calibration is a rig": (APPLY, {"c.yaml": "screen: a"}, "c.yaml: is no calibration: it is a rig file, which --rig takes"),
+    "rig is a camera": (RIG, {"rig.yaml": "intrinsics: {fx: 1}"}, "rig.yaml: is no rig file: it is a camera, which --camera takes"),
+    "rig is a compensation": (
+        RIG,
+        {"rig.yaml": "urdfcal: compensation"},
+        "is no rig file: it is a compensation, which --comp",
+    ),
+    "camera is a calibration": (f"{FIT} --camera c.yaml", {"c.yaml": f"joints:\n  a: {ENTRY}"}, "is no camera: it is a calibration, which"),
+    "camera is a rig": (f"{FIT} --camera c.yaml", {"c.yaml": "boards: {}"}, "is no camera: it is a rig file, which --rig takes; expected"),
+    "camera is markers": (
+        f"{FIT} --camera c.yaml",
+        {"c.yaml": "dictionary: a"},
+        "is no camera: it is a screen.yaml, which --markers",
+    ),
     "calibration number": (
         APPLY,
         {"c.yaml": f"joints:\n  turn: {ENTRY}".replace("0", "zero", 1)},

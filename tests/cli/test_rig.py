@@ -82,6 +82,21 @@ REFUSED = {
     ("--tip", "tool", "--screen", "1,2"): "--screen 1,2: found 2 numbers; expected its middle in m, such as 1.3,0,0.5",
     ("--tip", "tool", "--screen", "1,b,2"): "--screen 1,b,2: 'b' is not a finite number; expected its middle in m",
     ("--tip", "tool", "--screen", "1,0,1e9"): "--screen 1,0,1e9: '1e9' is beyond 1e+06; expected its middle in m",
+    (
+        "--tip",
+        "tool",
+        "--screen",
+        "1300,0,500",
+    ): "--screen 1300,0,500: 1300 m is too far for a cell; expected its middle in m, such as 1.3,0,0.5, and 1.3,0,0.5 if these are mm",
+    (
+        "--tip",
+        "tool",
+        "--screen",
+        "2,0,1",
+        "--screen-size-m",
+        "1500,900",
+    ): "1500 m is too far for a cell; expected width and height in m, such as 1.5 or 2,1.5, and 1.5,0.9 if these are mm",
+    ("--tip", "tool", "--offset", "0,0,-120"): "--offset 0,0,-120: -120 m is too far for a cell; expected a place in m",
     ("--tip", "tool", "--board", "9x6"): "--board 9x6: expected COLUMNSxROWS:SQUARE such as 9x6:25mm",
     ("--tip", "tool", "--board", "9x6:25mm:30mm"): "a marker is smaller than its square",
     (

@@ -37,6 +37,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from urdfcal.base.errors import RigError, did_you_mean
 from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import DEG, MM
+from urdfcal.base.yaml_kinds import RIG, kind_of
 from urdfcal.model.options import ModelOptions, ParameterPrior, parse_prior
 from urdfcal.model.parameters import Kind, PriorScale
 from urdfcal.robot.rig import Grid
@@ -235,6 +236,8 @@ def read_rig_file(path: str | Path) -> RigFile:
     try:
         return RigFile.model_validate(file.content)
     except ValidationError as error:
+        if (kind := kind_of(file.content)) not in ("", RIG):
+            raise RigError(f"is no rig file: it is {kind}", path) from None
         found = error.errors()[0]
         raise RigError(_in_words(found), path, file.line(found["loc"])) from None
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 
 _LEAST, _MOST = 1e-15, 1e6  # what a tolerance, a noise in mm or a size in m can be
+_FAR = 100.0  # [m] a place or a size in a cell that is as large was meant in mm
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
@@ -218,7 +219,7 @@ def stated_size(text: str, expected: str) -> tuple[float, float]:
     Raises:
         UsageError: the text is none.
     """
-    sides = numbers_of("--screen-size-m", text, (1, 2), f"{expected} in m, such as 1.5 or 2,1.5")
+    sides = metres_of("--screen-size-m", text, (1, 2), f"{expected} in m, such as 1.5 or 2,1.5")
     for side in sides:
         positive("--screen-size-m", side)
     return sides[0], sides[-1]
@@ -238,6 +239,19 @@ def numbers_of(option: str, text: str, counts: tuple[int, ...], expected: str) -
         found = faults[0] if faults else f"found {len(words)} {'number' if len(words) == 1 else 'numbers'}"
         raise UsageError(f"{option} {text}: {found}; expected {expected}")
     return tuple(map(float, words))
+
+
+def metres_of(option: str, text: str, counts: tuple[int, ...], expected: str) -> tuple[float, ...]:
+    """Lengths in m with commas between them, none as long as only millimetres are.
+
+    Raises:
+        UsageError: they are none, not so many, or too far.
+    """
+    lengths = numbers_of(option, text, counts, expected)
+    if max(map(abs, lengths)) > _FAR:
+        far, metres = max(lengths, key=abs), ",".join(f"{length / 1e3:g}" for length in lengths)
+        raise UsageError(f"{option} {text}: {far:g} m is too far for a cell; expected {expected}, and {metres} if these are mm")
+    return lengths
 
 
 def with_board(rig: RigFile, board: str | None) -> RigFile:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,7 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import expanded_note, listed, load, numbers_of, parsed_grid, stated_size
+from urdfcal.cli.inputs import expanded_note, listed, load, metres_of, numbers_of, parsed_grid, stated_size
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place, told
 
@@ -194,7 +193,7 @@ class _Asked:
 
         here, grid, found = self._stand(Stand(tip)), self.grid(), []
         if self.screen is not None:
-            there = replace(Stand(base), xyz=_three("--screen", self.screen, "its middle in m, such as 1.3,0,0.5"))
+            there = replace(Stand(base), xyz=_place("--screen", self.screen, "its middle in m, such as 1.3,0,0.5"))
             there = replace(there, rpy=_turn("--screen-turn-deg", self.screen_turn_deg))
             size = stated_size(self.screen_size_m, "width and height")
             found += [module_on(arm.tree, here, prefix), screen_on(arm.tree, there, tip, size, prefix)]
@@ -202,18 +201,21 @@ class _Asked:
         return found + ([target_on(arm.tree, here, prefix)] if self.tracker else [])
 
     def _stand(self, stand: Stand) -> Stand:
-        xyz = None if self.offset is None else _three("--offset", self.offset, "a place in m, such as 0.05,0,0.02")
+        xyz = None if self.offset is None else _place("--offset", self.offset, "a place in m, such as 0.05,0,0.02")
         return replace(stand, xyz=xyz, rpy=_turn("--turn-deg", self.turn_deg))
 
 
-def _three(option: str, text: str, expected: str) -> Any:
+def _place(option: str, text: str, expected: str) -> Any:
     import numpy as np
 
-    return np.array(numbers_of(option, text, (3,), expected))
+    return np.array(metres_of(option, text, (3,), expected))
 
 
 def _turn(option: str, text: str | None) -> Any:
-    return None if text is None else _three(option, text, "roll, pitch and yaw in deg, such as 0,90,0") * (math.pi / 180)
+    import numpy as np
+
+    expected = "roll, pitch and yaw in deg, such as 0,90,0"
+    return None if text is None else np.radians(numbers_of(option, text, (3,), expected))
 
 
 def _where(piece: Piece) -> str:

@@ -14,6 +14,7 @@ from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.base.files import read_yaml
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
+from urdfcal.base.yaml_kinds import is_not
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
@@ -231,7 +232,7 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     path = Path(path)
     file = read_yaml(path, CalibrationFileError)
     if not isinstance(file.content, dict) or "joints" not in file.content:
-        raise CalibrationFileError(f"{_no_calibration(file.content)}; expected a file written by urdfcal fit or simulate", path)
+        raise CalibrationFileError(is_not("calibration", file.content, "joints", "fit or simulate"), path)
     try:
         entries = CalibrationEntries.model_validate(file.content)
     except ValidationError as error:
@@ -244,13 +245,6 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     rig = entries.rig or RigEntry()
     measured = rig.module or next(iter(rig.targets), "").partition(":")[0]
     return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "", measured)
-
-
-def _no_calibration(content: Any) -> str:
-    """What a file without an entry `joints` is taken for."""
-    if isinstance(content, dict) and "kinematics" in content:
-        return "is a kinematics file of the UR driver, which the robot's xacro reads (--xacro-arg kinematics_params:=FILE)"
-    return "is no calibration: it has no entry 'joints'"
 
 
 def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:

@@ -38,6 +38,7 @@ from urdfcal.base.errors import CalibrationFileError, InputError, ShapeMismatch,
 from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import MM, Array3, Matrix, Vector
 from urdfcal.base.reading import DESCRIPTION, YAML, content_of
+from urdfcal.base.yaml_kinds import is_not
 from urdfcal.calibration.analysis.bent_arm import BentArm
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Softness, Term, is_known
@@ -350,7 +351,7 @@ def load_compensation(path: str | Path, package_dirs: Sequence[str | Path] = ())
     file = read_yaml(path, CalibrationFileError)
     content = file.content
     if not isinstance(content, dict) or content.get("urdfcal") != "compensation":
-        raise CalibrationFileError("is no compensation; expected a file written by `urdfcal fit --compensation`", path)
+        raise CalibrationFileError(is_not("compensation", content, "urdfcal", "fit --compensation"), path)
     try:
         urdf = path.parent / str(content["urdf"]["file"])
         expected = str(content["urdf"]["sha256"])

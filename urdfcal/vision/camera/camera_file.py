@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from urdfcal.base.errors import InputError
 from urdfcal.base.files import read_yaml
 from urdfcal.base.geometry import Matrix, pose, xyz_rpy
+from urdfcal.base.yaml_kinds import is_not
 from urdfcal.sensors.camera import Camera, Side
 from urdfcal.sensors.lenses import Lens, intrinsic_names
 
@@ -93,7 +94,7 @@ def read_camera(path: str | Path) -> Camera:
     """
     file = read_yaml(path, InputError)
     if not isinstance(file.content, dict) or "intrinsics" not in file.content:
-        raise InputError("is no camera: it has no entry 'intrinsics'; expected a file written by urdfcal camera", path)
+        raise InputError(is_not("camera", file.content, "intrinsics", "camera"), path)
     try:
         entries = CameraEntries.model_validate(file.content)
         return _camera(entries)

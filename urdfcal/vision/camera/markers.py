@@ -28,6 +28,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from urdfcal.base.errors import InputError, did_you_mean
 from urdfcal.base.files import YamlFile, read_yaml
 from urdfcal.base.geometry import MM, Matrix, Vector
+from urdfcal.base.yaml_kinds import kind_of
 from urdfcal.sensors.camera import Side
 from urdfcal.vision.pictures import Grey
 
@@ -99,8 +100,10 @@ def read_screen_markers(path: str | Path) -> ScreenMarkers:
         InputError: naming the file, the line and what was expected.
     """
     file = read_yaml(path, InputError)
-    if not isinstance(file.content, dict):
-        raise InputError("is no screen.yaml; expected entries dictionary, size_mm and markers: {id: [y_mm, z_mm]}", path, file.line())
+    if not isinstance(file.content, dict) or "dictionary" not in file.content:
+        other = f": it is {kind}" if (kind := kind_of(file.content)) else ""
+        expected = "entries dictionary, size_mm and markers: {id: [y_mm, z_mm]}"
+        raise InputError(f"is no screen.yaml{other}; expected {expected}", path, file.line())
     try:
         entries = ScreenEntries.model_validate(file.content)
     except ValidationError as error:
