@@ -40,7 +40,9 @@ def shown(calibration: urdfcal.Calibration, simulation: urdfcal.Simulation, robo
     state = online.update(simulation.measurements.subset(np.arange(5)))
     check = urdfcal.check(robots["ur5"], simulation.measurements)
     plan = urdfcal.plan(robots["ur5"], candidates=40, n=3, sensors=["pose:tool0"])
-    return [robots["arm7"], simulation.nominal, calibration.data, calibration, calibration.verdict, simulation, check, plan, online, state]
+    apart = urdfcal.compare(robots["arm7"], calibration)
+    fitted = [robots["arm7"], simulation.nominal, calibration.data, calibration, calibration.verdict, simulation]
+    return [*fitted, check, plan, online, state, apart]
 
 
 def test_only_public_names_are_listed() -> None:
@@ -160,6 +162,23 @@ def test_latex_sets_text_as_it_stands() -> None:
     """Signs of LaTeX's own are escaped once, and minus signs are minus signs."""
     assert latex_text("a_b {50%} \\x ~ ±") == r"a\_b \{50\%\} \textbackslash{}x \textasciitilde{} $\pm$"
     assert latex_text("-1.5 ± 0.2, laser-1, 3-4") == r"$-$1.5 $\pm$ 0.2, laser-1, 3-4"
+
+
+def test_calibrations_are_compared_as_the_files_that_they_write(calibration: urdfcal.Calibration, tmp_path: Path) -> None:
+    """A fit and its YAML differ by nothing; a fit of other poses by as much, and as probably, as its YAML does."""
+    robot, half = calibration.robot, np.arange(0, len(calibration.data), 2)
+    other = urdfcal.fit(robot, calibration.data.subset(half))
+    for name, found in (("all.yaml", calibration), ("half.yaml", other)):
+        (tmp_path / name).write_bytes(found.record())
+    assert urdfcal.compare(calibration, tmp_path / "all.yaml").identical
+    fits = urdfcal.compare(calibration, other)
+    files = urdfcal.compare(tmp_path / "all.yaml", str(tmp_path / "half.yaml"), robot=robot)
+    assert fits.same is True
+    assert fits.by_chance == pytest.approx(files.by_chance, rel=1e-6)
+    assert fits.at_tool.apart == pytest.approx(files.at_tool.apart, abs=1e-9)
+    assert "are the same within what either knows" in fits.report()
+    with pytest.raises(UsageError, match="compare: found a Model; expected calibrations, robots, or paths"):
+        urdfcal.compare(calibration, robot.model)
 
 
 def test_a_simulation_knows_its_truth(simulation: urdfcal.Simulation) -> None:

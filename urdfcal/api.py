@@ -13,11 +13,12 @@ import numpy as np
 
 from urdfcal.base.errors import FitRejected, InputError, UrdfcalError, UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.base.foreign_text import shown
 from urdfcal.base.terminal import as_text
 from urdfcal.base.version import __version__
 from urdfcal.calibration import fitting
 from urdfcal.calibration.analysis import check as analysis_check
-from urdfcal.calibration.analysis import online
+from urdfcal.calibration.analysis import comparison, online
 from urdfcal.calibration.analysis.compensation import load_compensation
 from urdfcal.calibration.analysis.prediction import default_tool
 from urdfcal.calibration.analysis.sag import fit_sag
@@ -29,8 +30,9 @@ from urdfcal.calibration.start.nominal import evaluate, held_instruments
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
+from urdfcal.output.accounts import Said, accounts_of
 from urdfcal.output.calibration_yaml import calibration_yaml
-from urdfcal.output.cards import calibration_card, check_card
+from urdfcal.output.cards import calibration_card, check_card, comparison_card
 from urdfcal.output.drawn import convergence_figure, residuals_figure, spots_figure
 from urdfcal.output.formats import Deployed
 from urdfcal.output.pairs import warn_if_mixed
@@ -38,6 +40,7 @@ from urdfcal.output.report.files import write_report
 from urdfcal.output.stored import StoredCalibration, read_calibration
 from urdfcal.output.stored import apply as put_on
 from urdfcal.output.text.check import check_blocks
+from urdfcal.output.text.comparison import comparison_blocks, in_short
 from urdfcal.output.text.result import text_report
 from urdfcal.planning.plan import PosePlan, plan_poses
 from urdfcal.robot.corrections import Applicable
@@ -62,6 +65,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Calibration",
+    "Comparison",
     "FitRejected",
     "Gravity",
     "InputError",
@@ -81,6 +85,7 @@ __all__ = [
     "__version__",
     "apply",
     "check",
+    "compare",
     "evaluate",
     "fit",
     "fit_sag",
@@ -336,6 +341,50 @@ def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *
     """As `urdfcal.output.stored.apply`, with a warning where a file does not belong to what stands beside it."""
     found = load_calibration(calibration) if isinstance(calibration, str | Path) else calibration
     return put_on(model, found, *geometry_models)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Comparison(comparison.Comparison):
+    """How far two accounts of one robot are apart, and whether they are the same within what either knows: see `compare`."""
+
+    @classmethod
+    def of(cls, found: comparison.Comparison) -> Comparison:
+        """The same, with what can be said of it."""
+        return cls(**{each.name: getattr(found, each.name) for each in fields(found)})
+
+    def report(self) -> str:
+        """All of it as text, as `urdfcal compare` prints it."""
+        return as_text([*self.notes, *comparison_blocks(self)])
+
+    def __repr__(self) -> str:
+        """In a line."""
+        return f"<{type(self).__name__} at {shown(self.tool)}: {in_short(self)}>"
+
+    def _repr_html_(self) -> str:
+        return comparison_card(self)
+
+
+def compare(one: Said, other: Said, *, robot: Robot | None = None, tool: str | None = None, seed: int = 0) -> Comparison:
+    """How far two accounts of one robot are apart, joint by joint and at the tool.
+
+    Args:
+        one: A fit, a stored calibration, a robot, or a path of the last two.
+        other: The like.
+        robot: What stored calibrations are put on; by default the other's robot, or the description that the first one names.
+        tool: The link at which they are compared; by default behind as many of the joints that differ as can be.
+        seed: Of the random configurations.
+
+    Returns:
+        `.joints`, `.at_tool`, `.same` (None where neither says how sure it is), `.report()`; lengths [m], angles [rad].
+
+    Raises:
+        CalibrationFileError: a file is no calibration, or another robot's.
+        RobotError: a file is no description, the two are not of one robot, or there is no such link.
+        UsageError: something else was given, or the robot that was calibrated is not found.
+    """
+    ours, theirs, words = accounts_of(one, other, robot, read_robot)
+    found = comparison.compare(ours, theirs, tool or comparison.default_tool(ours, theirs), np.random.default_rng(seed))
+    return replace(Comparison.of(found), notes=words)
 
 
 class OnlineCalibrator(online.OnlineCalibrator):

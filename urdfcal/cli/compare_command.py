@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from urdfcal.cli.console import show, warn
-from urdfcal.cli.inputs import load, stored_calibration
+from urdfcal.cli.inputs import load
 from urdfcal.cli.options import Json, PackageDirs, Quiet, Seed, XacroArgs, XacroLimits
 
 if TYPE_CHECKING:
-    from urdfcal.calibration.analysis.comparison import Account
     from urdfcal.robot.robot import Robot
 
 _WHAT = "A calibration that fit wrote, or a URDF or xacro file."
@@ -42,31 +40,14 @@ def compare(
 
     from urdfcal.calibration.analysis.comparison import compare as run_compare
     from urdfcal.calibration.analysis.comparison import default_tool
+    from urdfcal.output.accounts import accounts_of
     from urdfcal.output.text.comparison import comparison_blocks, comparison_json
 
     def loaded(path: Path) -> Robot:
         return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
-    ours, theirs = _accounts((one, other), robot, loaded, quiet)
+    under = loaded(robot) if robot else None
+    ours, theirs, words = accounts_of(one, other, under, loaded)
+    warn(words, quiet)
     found = run_compare(ours, theirs, tool or default_tool(ours, theirs), np.random.default_rng(seed))
     show(comparison_json(found) if as_json else None, comparison_blocks(found))
-
-
-def _accounts(paths: tuple[Path, Path], named: Path | None, loaded: Callable[[Path], Robot], quiet: bool) -> tuple[Account, Account]:
-    """What the two files say; a calibration is put on the description beside it, or on the one that it names."""
-    from urdfcal.base.files import is_yaml
-    from urdfcal.calibration.analysis.comparison import Account
-    from urdfcal.output.accounts import account_of, described_in, silent_joints
-
-    stored = {path: stored_calibration(path) for path in paths if is_yaml(path)}
-    described = {path: loaded(path) for path in paths if path not in stored}
-    base = loaded(named) if named else next(iter(described.values()), None) or loaded(described_in(stored[paths[0]]))
-
-    def account(path: Path) -> Account:
-        return account_of(stored[path], base) if path in stored else Account(str(path), described[path])
-
-    accounts = account(paths[0]), account(paths[1])
-    for path, other in zip(paths, accounts[::-1], strict=True):
-        if path in stored and (silent := silent_joints(stored[path], base, other.robot)):
-            warn([f"{path} says nothing of {', '.join(silent)}: taken as {base.description.label} has them"], quiet)
-    return accounts

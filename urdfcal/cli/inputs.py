@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.files import is_yaml
 from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
@@ -30,7 +29,6 @@ _FAR = 100.0  # [m] a place or a size in a cell that is as large was meant in mm
 MOST_DEGREES = 90.0
 _XACRO_LIMIT = re.compile(r"(\d+(?:\.\d+)?)s(?:,(\d+(?:\.\d+)?)GB)?")
 _LEAST_GB = 0.1  # Python and xacro themselves
-_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 
 
 def load(
@@ -52,7 +50,6 @@ def load(
     """
     from urdfcal.robot.robot import load_robot
 
-    _refuse_table(path)
     arguments = {}
     for argument in xacro_args or ():
         name, mark, value = argument.partition(":=")
@@ -121,18 +118,6 @@ def with_calibration(robot: Robot, path: Path, quiet: bool) -> Robot:
 def lacking(robot: Robot, missing: Sequence[str]) -> list[str]:
     """A warning of calibrated joints that a robot does not have; only those of the rig may be missing."""
     return [f"{robot.description.path} has no joint {', '.join(missing)} of the measuring rig; the rest was applied"] if missing else []
-
-
-def _refuse_table(path: Path) -> None:
-    """Refuse measurements, or a calibration, in the robot's place.
-
-    Raises:
-        UsageError: the file is called a table, or YAML, and is no XML.
-    """
-    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if is_yaml(path) else ""
-    if what and path.is_file() and not path.read_bytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        behind = "the measurements" if what == "a table" else "other files"
-        raise UsageError(f"{path}: is {what} where the robot is expected; the robot's URDF or xacro comes first, then {behind}")
 
 
 def measured(

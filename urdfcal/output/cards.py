@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from urdfcal.base.notebook import Listing, card
 from urdfcal.base.terminal import displayed, rounded, value_and_sigma
 from urdfcal.calibration.analysis.check import Check
+from urdfcal.calibration.analysis.comparison import Comparison
 from urdfcal.calibration.analysis.verdict import TONES, Verdict
 from urdfcal.calibration.error_table import SpotTable
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.output.report.sections import fixed, prior_text
+from urdfcal.output.text.comparison import JOINT_BY_JOINT, at_tool, finding, joint_rows, tool_rows
 from urdfcal.output.text.verdict import FIGURES, PREDICTED, accuracy_rows
 
 
@@ -50,6 +52,12 @@ def _parameters(calibration: FitResult) -> Iterator[tuple[object, ...]]:
             unit, size = displayed(parameter.unit)
             told = value_and_sigma(value / size, sigma / size) if determined else "not determined"
             yield parameter.name, told, unit, prior_text(parameter.sigma, parameter.unit)
+
+
+def comparison_card(found: Comparison) -> str:
+    """Whether the two are the same, and how far apart joint by joint and at the tool."""
+    listings = (Listing(*tool_rows(found), title=at_tool(found)), Listing(*joint_rows(found), title=JOINT_BY_JOINT, folded=True))
+    return card("Two accounts of one robot", [finding(found), *found.notes], listings)
 
 
 def check_card(check: Check) -> str:

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from urdfcal.base.errors import RobotError
+from urdfcal.base.files import is_yaml
 from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.robot.entities import refuse_entities
 from urdfcal.robot.xacro_child import USUAL_LIMIT, XacroLimit, expanded
 
+_TABLES = (".csv", ".tsv", ".txt", ".xlsx", ".xls")
 _ENDINGS = re.compile(r"(\.(xacro|urdf|xml))+$", re.IGNORECASE)
 
 
@@ -61,7 +63,7 @@ def read_description(
         xacro_limit: Time and memory that its expansion may take.
 
     Raises:
-        RobotError: the file cannot be read or expanded, declares entities, or knows nothing of a xacro argument.
+        RobotError: the file cannot be read or expanded, is a table or YAML, declares entities, or knows nothing of a xacro argument.
     """
     path = Path(path)
     folders = tuple(Path(folder) for folder in package_dirs)
@@ -69,6 +71,7 @@ def read_description(
         if not folder.is_dir():
             raise RobotError(f"--package-dir {folder}: no such folder")
     text = _read_bytes(path)
+    _refuse_others(path, text)
     tags = refuse_entities(text, path)
     if path.suffix.lower() != ".xacro" and not any(tag.startswith("xacro:") for tag in tags):
         if xacro_args:
@@ -79,6 +82,18 @@ def read_description(
     found = expanded(path, xacro_args or {}, folders, xacro_limit)
     included = tuple(file for file in dict.fromkeys(found.files) if file != path)
     return Description(path, found.text, expanded=True, package_dirs=folders, included=included)
+
+
+def _refuse_others(path: Path, text: bytes) -> None:
+    """Refuse measurements, or a calibration, in the robot's place.
+
+    Raises:
+        RobotError: the file is called a table, or YAML, and is no XML.
+    """
+    what = "a table" if path.suffix.lower() in _TABLES else "YAML" if is_yaml(path) else ""
+    if what and not text.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        behind = "the measurements" if what == "a table" else "other files"
+        raise RobotError(f"is {what} where the robot is expected; the robot's URDF or xacro comes first, then {behind}", path)
 
 
 def _read_bytes(path: str | Path) -> bytes:

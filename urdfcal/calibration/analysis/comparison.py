@@ -24,7 +24,6 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from scipy.stats import chi2
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Array3, Matrix, Vector, rotation_screw, translation_screw
@@ -111,6 +110,7 @@ class Comparison:
         expected: Root mean square that `at_tool.apart` would have if the two differed by what either does not know, [m]; None where
             neither says how sure it is.
         by_chance: Probability of as great a difference then.
+        notes: What either says nothing of, in words.
     """
 
     one: str
@@ -121,6 +121,7 @@ class Comparison:
     at_tool: ToolDifference
     expected: float | None
     by_chance: float | None
+    notes: tuple[str, ...] = ()
 
     @property
     def identical(self) -> bool:
@@ -306,6 +307,8 @@ def _without(moved: Array3, placed: Matrix, axes: Array3) -> Array3:
 
 def _by_chance(apart: Array3, S: Matrix, squared: float) -> tuple[float, float]:
     """Root mean square that is expected of what S leaves open, and the probability of a mean square as great as this."""
+    from scipy.stats import chi2
+
     values, vectors = np.linalg.eigh(S)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     moved = (apart @ root).reshape(-1, root.shape[1])

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+JOINT_BY_JOINT = "Joint by joint, in the joint's own axes"
 _FIGURES = ("mean", "95 %", "worst")
 _NOT_SAID = "± is one combined standard deviation along the difference, and nothing where nobody estimated it"
 
@@ -23,10 +24,10 @@ def comparison_blocks(found: Comparison) -> list[RenderableType]:
     return [
         finding(found),
         "",
-        titled("Joint by joint, in the joint's own axes", _joint_table(found)),
+        titled(JOINT_BY_JOINT, _table(*joint_rows(found))),
         *(["", _NOT_SAID] if found.expected is not None else []),
         "",
-        titled(f"At '{found.tool}', over {len(found.at_tool.distance)} random configurations", _tool_table(found)),
+        titled(at_tool(found), _table(*tool_rows(found))),
         *([] if found.identical else ["", f"Farthest apart at {_where(found)}"]),
     ]
 
@@ -44,6 +45,12 @@ def finding(found: Comparison) -> str:
     if found.same:
         return f"{between} are the same within what either knows: {at}, and {expected}."
     return f"{between} differ by more than they are unsure of: {at}, where {expected} (by chance {_percent(found.by_chance)})."
+
+
+def in_short(found: Comparison) -> str:
+    """How far apart, and whether that is the same."""
+    known = {True: "the same within what either knows", False: "more than they are unsure of", None: "neither says how sure it is"}
+    return f"{_mm(_rms(found.at_tool.apart))} mm (RMS) apart up to a constant, {known[found.same]}"
 
 
 def comparison_json(found: Comparison) -> dict[str, Any]:
@@ -67,28 +74,35 @@ def comparison_json(found: Comparison) -> dict[str, Any]:
     }
 
 
-def _joint_table(found: Comparison) -> Table:
+def joint_rows(found: Comparison) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Headings and cells, joint by joint."""
     sure = found.expected is not None
-    table = figures_table("joint")
-    for heading in ("mm", "±", "deg", "±", "σ") if sure else ("mm", "deg"):
-        table.add_column(heading, justify="right")
+    rows = []
     for joint in found.joints:
-        rows = ((joint.distance, joint.distance_sigma, MM), (joint.angle, joint.angle_sigma, DEG))
-        cells = [_in(value, unit) for size, sigma, unit in rows for value in ((size, sigma) if sure else (size,))]
-        table.add_row(joint.name, *cells, *([_sigmas(joint)] if sure else []))
-    return table
+        parts = ((joint.distance, joint.distance_sigma, MM), (joint.angle, joint.angle_sigma, DEG))
+        cells = [_in(value, unit) for size, sigma, unit in parts for value in ((size, sigma) if sure else (size,))]
+        rows.append([joint.name, *cells, *([_sigmas(joint)] if sure else [])])
+    return ("joint", *(("mm", "±", "deg", "±", "σ") if sure else ("mm", "deg"))), rows
 
 
-def _tool_table(found: Comparison) -> Table:
-    table, tool = figures_table(""), found.at_tool
-    for heading in _FIGURES:
+def tool_rows(found: Comparison) -> tuple[tuple[str, ...], list[list[str]]]:
+    """Headings and cells, at the tool."""
+    tool = found.at_tool
+    parts = (("distance, mm", tool.distance, MM), ("up to a constant, mm", tool.apart, MM), ("angle, deg", tool.angle, DEG))
+    return ("", *_FIGURES), [[name, *(f"{value / unit:.3f}" for value in _figures(values))] for name, values, unit in parts]
+
+
+def at_tool(found: Comparison) -> str:
+    """Where, and over what."""
+    return f"At '{found.tool}', over {len(found.at_tool.distance)} random configurations"
+
+
+def _table(columns: tuple[str, ...], rows: list[list[str]]) -> Table:
+    table = figures_table(columns[0])
+    for heading in columns[1:]:
         table.add_column(heading, justify="right")
-    for name, values, unit in (
-        ("distance, mm", tool.distance, MM),
-        ("up to a constant, mm", tool.apart, MM),
-        ("angle, deg", tool.angle, DEG),
-    ):
-        table.add_row(name, *(f"{value / unit:.3f}" for value in _figures(values)))
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
