@@ -419,7 +419,7 @@ class _First:
     """A fit of everything that was measured.
 
     Attributes:
-        method: Which estimator, and where it begins.
+        method: How fits that follow are made, and where they begin.
         model: Of all measurements.
         x: Where beams are looked at if the fit cannot take a step, or none that is any better, (p,).
         prior: Before the data.
@@ -451,7 +451,7 @@ class _First:
 
 def _first_fit(method: Method, model: Problem, x: Vector, noise: Noise, message: str = "") -> _First:
     prior = Belief.independent(model.errors.mean, model.errors.sigma)
-    return _First(method, model, x, prior, method.run(model.linearise, prior, noise), message)
+    return _First(method.refit, model, x, prior, method.run(model.linearise, prior, noise), message)
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,11 @@ class Method:
         """Whether the joints' prior scales may be chosen by evidence: where the noise is Gaussian and the data count once."""
         return self.estimator != "robust" and not self.as_published
 
+    @property
+    def refit(self) -> Method:
+        """How a fit that follows is made, of fewer readings or under other priors: what evolution has found, the filter polishes."""
+        return replace(self, estimator="ekf") if self.estimator == "evolution" else self
+
     def limits(self) -> dict[str, Any]:
         """Tolerance and sweeps, as far as they are set."""
         return {name: value for name in ("tolerance", "max_sweeps") if (value := getattr(self, name)) is not None}
