@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 import numpy as np
 
 from urdfcal.base.errors import FitRejected, InputError, UrdfcalError, UsageError
-from urdfcal.base.files import write_whole
+from urdfcal.base.files import is_yaml, write_whole
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.terminal import as_text
 from urdfcal.base.version import __version__
@@ -364,7 +364,9 @@ class Comparison(comparison.Comparison):
         return comparison_card(self)
 
 
-def compare(one: Said, other: Said, *, robot: Robot | None = None, tool: str | None = None, seed: int = 0) -> Comparison:
+def compare(
+    one: Said | str | Path, other: Said | str | Path, *, robot: Robot | None = None, tool: str | None = None, seed: int = 0
+) -> Comparison:
     """How far two accounts of one robot are apart, joint by joint and at the tool.
 
     Args:
@@ -382,9 +384,15 @@ def compare(one: Said, other: Said, *, robot: Robot | None = None, tool: str | N
         RobotError: a file is no description, the two are not of one robot, or there is no such link.
         UsageError: something else was given, or the robot that was calibrated is not found.
     """
-    ours, theirs, words = accounts_of(one, other, robot, read_robot)
+    ours, theirs, words = accounts_of(_said(one), _said(other), robot, read_robot)
     found = comparison.compare(ours, theirs, tool or comparison.default_tool(ours, theirs), np.random.default_rng(seed))
     return replace(Comparison.of(found), notes=words)
+
+
+def _said(of: Said | str | Path) -> Said:
+    if not isinstance(of, str | Path):
+        return of
+    return load_calibration(of) if is_yaml(Path(of)) else load_robot(of)
 
 
 class OnlineCalibrator(online.OnlineCalibrator):

@@ -27,7 +27,8 @@ from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.lenses import intrinsic_names
 from urdfcal.vision.camera.boards import BoardView, Chessboard
 from urdfcal.vision.camera.lens import calibrate_lens
-from urdfcal.vision.camera.markers import ScreenMarkers, find_markers
+from urdfcal.vision.camera.marker_search import find_markers
+from urdfcal.vision.camera.markers import ScreenMarkers
 from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
 from urdfcal.vision.camera.screen_pose import screen_from_markers
 from urdfcal.vision.pictures import picture_files, read_grey
@@ -74,7 +75,7 @@ def scenes(count: int, placement: float) -> None:
             moved[wrong] = way / np.linalg.norm(way) * rng.uniform(0.01, 0.06)
         shown = picture(camera, marker_light(markers, moved, hidden), rng, noise=rng.uniform(1, 5), rays=5)
         true = replace(markers, centres={marker: tuple(np.array(centre) + moved[marker]) for marker, centre in CENTRES.items()})
-        corner_errors += [marker.pixels - corners_in_picture(camera, true, marker.id) for marker in find_markers(shown, markers)]
+        corner_errors += [marker.pixels - corners_in_picture(camera, true, marker.id) for marker in find_markers(shown, markers, camera)]
         found = screen_from_markers(replace(camera, T_camera_screen=None), shown, markers, f"scene {seed}")
         named += found.hidden == hidden and [marker for marker, _ in found.wrong] == ([wrong] if "wrong" in kind else [])
         T = found.camera.T_camera_screen

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -55,6 +56,17 @@ def test_corners_are_where_they_are_within_their_sigmas(spec: str) -> None:
         count += len(off)
     assert count > 0.8 * 2 * sought.grid.corners
     assert 0.4 < np.sqrt((np.concatenate(scaled) ** 2).mean()) < 1.6
+
+
+def test_large_tags_are_found_where_a_lens_bows_their_edges() -> None:
+    """A tag that fills half the picture: corners to a few hundredths of a pixel, where straight edges are 1 px off; alone on its paper."""
+    sought, camera = parse_board("aruco:4X4_50:1x1:80mm@7"), replace(CAMERA, distortion=np.array([-0.25, 0.03, 5e-4, -4e-4, 0.0]))
+    for seed, (distance, about) in enumerate([(0.18, 40), (0.2, 150), (0.25, 260)]):
+        rng = np.random.default_rng(seed)
+        T = facing(sought, distance, 25, about, rng.uniform(-30, 30))
+        (seen,) = find_boards(rendered(camera, [(sought, T)], rng, blur=0.7, rays=3), camera, [sought])
+        assert isinstance(seen, BoardSeen), seen
+        assert np.abs(seen.pixels - true_pixels(camera, sought, T)[seen.corners]).max() < 0.1
 
 
 def test_oblique_and_blurred_corners_have_larger_sigmas() -> None:

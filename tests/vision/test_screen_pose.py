@@ -20,7 +20,8 @@ from urdfcal.base.geometry import distance_mm_mrad
 from urdfcal.sensors.camera import Camera, Side
 from urdfcal.vision.camera.boards import Chessboard
 from urdfcal.vision.camera.camera_file import camera_yaml, read_camera
-from urdfcal.vision.camera.markers import ScreenMarkers, find_markers, read_screen_markers
+from urdfcal.vision.camera.marker_search import find_markers
+from urdfcal.vision.camera.markers import ScreenMarkers, read_screen_markers
 from urdfcal.vision.camera.plane_pose import PlanePoints, fit_plane
 from urdfcal.vision.camera.screen_pose import screen_from_board, screen_from_markers
 
@@ -65,7 +66,7 @@ def test_corners_have_their_order_and_a_fraction_of_a_pixel(side: Side) -> None:
     """Corner 0 is at (+y, +z) of the centre from either side; the error is a few hundredths of a pixel."""
     rng = np.random.default_rng(12)
     camera = random_camera(rng, side, oblique_deg=35, size=SIZE)
-    found = find_markers(picture(camera, marker_light(layout()), rng), layout(side))
+    found = find_markers(picture(camera, marker_light(layout()), rng), layout(side), camera)
     assert sorted(marker.id for marker in found) == sorted(CENTRES)
     for marker in found:
         expected = camera.pixels_of_spots(layout().corners_of(marker.id)[:, 1:])

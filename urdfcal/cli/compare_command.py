@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.cli.console import show, warn
-from urdfcal.cli.inputs import load
+from urdfcal.cli.inputs import load, stored_calibration
 from urdfcal.cli.options import Json, PackageDirs, Quiet, Seed, XacroArgs, XacroLimits
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def compare(
     """Compare two calibrations or descriptions of one robot: joint by joint, and at the tool, over what either is unsure of."""
     import numpy as np
 
+    from urdfcal.base.files import is_yaml
     from urdfcal.calibration.analysis.comparison import compare as run_compare
     from urdfcal.calibration.analysis.comparison import default_tool
     from urdfcal.output.accounts import accounts_of
@@ -47,7 +48,8 @@ def compare(
         return load(path, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
 
     under = loaded(robot) if robot else None
-    ours, theirs, words = accounts_of(one, other, under, loaded)
+    said = [stored_calibration(path) if is_yaml(path) else loaded(path) for path in (one, other)]
+    ours, theirs, words = accounts_of(said[0], said[1], under, loaded)
     warn(words, quiet)
     found = run_compare(ours, theirs, tool or default_tool(ours, theirs), np.random.default_rng(seed))
     show(comparison_json(found) if as_json else None, comparison_blocks(found))

@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import TypeAlias
 
 from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
-from urdfcal.base.files import is_yaml
 from urdfcal.calibration.analysis.comparison import Account
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.calibration.result import FitResult
-from urdfcal.output.pairs import warn_if_mixed
-from urdfcal.output.stored import StoredCalibration, corrected_robot, read_calibration
+from urdfcal.output.stored import StoredCalibration, corrected_robot
 from urdfcal.robot.corrections import same_origin
 from urdfcal.robot.robot import Robot
 
-Said: TypeAlias = "str | Path | Robot | StoredCalibration | FitResult"
+Said: TypeAlias = "Robot | StoredCalibration | FitResult"
 Load: TypeAlias = Callable[[Path], Robot]
 
 
@@ -24,21 +22,20 @@ def accounts_of(one: Said, other: Said, base: Robot | None, load: Load) -> tuple
     """What two say of one robot.
 
     Args:
-        one: A fit, a stored calibration, a robot, or a path of the last two.
+        one: A fit, a stored calibration or a robot.
         other: The like.
         base: The robot that stored calibrations are put on; by default the one that the other has described, else the one that is named in
             the first.
-        load: Reads a description.
+        load: Reads the description that a calibration names.
 
     Returns:
         Both accounts, and in words what a calibration says nothing of.
 
     Raises:
-        CalibrationFileError: a file is no calibration, or another robot's.
-        RobotError: a file is no description.
+        CalibrationFileError: a calibration is another robot's.
         UsageError: something else was given, or the robot that was calibrated is not found.
     """
-    said = tuple(_read(each, load) for each in (one, other))
+    said = tuple(_read(each) for each in (one, other))
     known = (base, *(_robot_of(each) for each in said))
     under = next((robot for robot in known if robot is not None), None)
     if under is None:
@@ -52,24 +49,15 @@ def accounts_of(one: Said, other: Said, base: Robot | None, load: Load) -> tuple
     return accounts[0], accounts[1], words
 
 
-def _read(said: Said, load: Load) -> Account | StoredCalibration:
-    if isinstance(said, str | Path):
-        path = Path(said)
-        return _stored(path) if is_yaml(path) else Account(str(path), load(path))
+def _read(said: Said) -> Account | StoredCalibration:
     if isinstance(said, FitResult):
         origins = {name: correction.corrected for name, correction in said.corrections.items()}
         return Account(f"the fit of {said.robot.name}", corrected_robot(said.robot, origins), joints_of(said))
     if isinstance(said, Robot):
-        return Account(said.description.label, said)
+        return Account(str(said.description.path), said)
     if isinstance(said, StoredCalibration):
         return said
     raise UsageError(f"compare: found a {type(said).__name__}; expected calibrations, robots, or paths of either")
-
-
-def _stored(path: Path) -> StoredCalibration:
-    stored = read_calibration(path)
-    warn_if_mixed(path)
-    return stored
 
 
 def _robot_of(said: Account | StoredCalibration) -> Robot | None:

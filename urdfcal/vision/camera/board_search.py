@@ -32,7 +32,8 @@ from urdfcal.vision.camera.boards import (
     shades,
 )
 from urdfcal.vision.camera.corner_noise import corner_sigmas, picture_noise
-from urdfcal.vision.camera.markers import ScreenMarkers, aruco_dictionary, find_markers
+from urdfcal.vision.camera.marker_search import find_markers
+from urdfcal.vision.camera.markers import ScreenMarkers, aruco_dictionary
 from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
 from urdfcal.vision.camera.sought import Sought, TagGrid
 from urdfcal.vision.pictures import Grey
@@ -44,7 +45,6 @@ _MOST_WRONG = 0.25
 _WORST_RMS_PX = 2.0  # of corners that were found rightly, by a lens that is the camera's
 _REACH = 0.3  # of the way to the next corner
 _INSIDE = 0.9  # of the white or black that a corner has around it
-_TAG_SIGMA_PX = 0.05  # of a tag's corner at least: the lens bends the edges whose crossing it is
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +90,7 @@ def _turned(sought: Sought) -> Sought | None:
 
 
 def _seen(picture: Grey, camera: Camera, sought: Sought, noise: float) -> BoardSeen | str:
-    found = _corners(picture, sought)
+    found = _corners(picture, camera, sought)
     if isinstance(found, str):
         return found
     corners, pixels = found
@@ -104,11 +104,10 @@ def _seen(picture: Grey, camera: Camera, sought: Sought, noise: float) -> BoardS
     if not isinstance(sought.board, TagGrid):
         pixels = settled_corners(picture, pixels, windows)
     sigmas = corner_sigmas(picture, pixels, windows, noise)
-    sigmas = np.hypot(sigmas, _TAG_SIGMA_PX) if isinstance(sought.board, TagGrid) else sigmas
     return _held(camera, sought, (corners, points, pixels, sigmas))
 
 
-def _corners(picture: Grey, sought: Sought) -> tuple[Numbers, Matrix] | str:
+def _corners(picture: Grey, camera: Camera, sought: Sought) -> tuple[Numbers, Matrix] | str:
     """Numbers and pixels of a board's corners."""
     board = sought.board
     if isinstance(board, Chessboard):
@@ -118,11 +117,11 @@ def _corners(picture: Grey, sought: Sought) -> tuple[Numbers, Matrix] | str:
         return np.arange(len(view.pixels)), first_corner_first(picture, board, view.pixels)
     if isinstance(board, CharucoBoard):
         return board.numbered(picture, sought.first)
-    return _tag_corners(picture, sought, board)
+    return _tag_corners(picture, camera, sought, board)
 
 
-def _tag_corners(picture: Grey, sought: Sought, board: TagGrid) -> tuple[Numbers, Matrix]:
-    seen = find_markers(picture, ScreenMarkers(board.dictionary, board.side, {}))
+def _tag_corners(picture: Grey, camera: Camera, sought: Sought, board: TagGrid) -> tuple[Numbers, Matrix]:
+    seen = find_markers(picture, ScreenMarkers(board.dictionary, board.side, {}), camera)
     ids = [marker.id for marker in seen]
     own = [marker for marker in seen if marker.id in sought.ids and ids.count(marker.id) == 1]
     numbers = [corner for marker in own for corner in board.corners_of(marker.id - sought.first)]

@@ -23,7 +23,8 @@ from urdfcal.base.geometry import MM, Array3, Matrix
 from urdfcal.sensors.camera import Camera, Side
 from urdfcal.vision.camera.boards import Chessboard
 from urdfcal.vision.camera.lens import WORST_RMS_PX
-from urdfcal.vision.camera.markers import ScreenMarkers, SeenMarker, find_markers
+from urdfcal.vision.camera.marker_search import SeenMarker, find_markers
+from urdfcal.vision.camera.markers import ScreenMarkers
 from urdfcal.vision.camera.plane_pose import PlaneFit, PlanePoints, fit_plane
 from urdfcal.vision.pictures import Grey
 
@@ -66,10 +67,10 @@ def screen_from_markers(camera: Camera, picture: Grey, markers: ScreenMarkers, n
     Raises:
         InputError: fewer than two markers are seen, or no two of them agree.
     """
-    found = find_markers(picture, markers)
+    found = find_markers(picture, markers, camera)
     known = [marker for marker in found if marker.id in markers.centres]
     if len(known) < 2:
-        raise InputError(_too_few(picture, markers, known), name)
+        raise InputError(_too_few(camera, picture, markers, known), name)
     start = _consensus(camera, markers, known)
     if start is None:
         ids = ", ".join(str(marker.id) for marker in known)
@@ -207,15 +208,15 @@ def _off(camera: Camera, markers: ScreenMarkers, marker: SeenMarker) -> tuple[fl
     return float(y), float(z)
 
 
-def _too_few(picture: Grey, markers: ScreenMarkers, known: Sequence[SeenMarker]) -> str:
+def _too_few(camera: Camera, picture: Grey, markers: ScreenMarkers, known: Sequence[SeenMarker]) -> str:
     """Why there are too few markers, in words."""
     expected = f"expected 2 or more of {', '.join(map(str, markers.centres))} ({markers.dictionary})"
     if known:
         return f"shows only one of the screen's markers ({known[0].id}), {expected}; one alone gives no trustworthy pose"
     other: Side = "front" if markers.side == "back" else "back"
-    if find_markers(picture, replace(markers, side=other)):
+    if find_markers(picture, replace(markers, side=other), camera):
         return f"its markers are mirrored for a camera at the {markers.side}; does it look at the {other} (side: {other} in screen.yaml)?"
-    strangers = sorted({marker.id for marker in find_markers(picture, markers)})
+    strangers = sorted({marker.id for marker in find_markers(picture, markers, camera)})
     return f"shows none of the screen's markers{f' but {strangers}' if strangers else ''}, {expected}"
 
 
