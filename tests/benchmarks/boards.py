@@ -94,7 +94,9 @@ def looked(camera: Camera, sought: Sought, low: float, hiding: bool, rng: np.ran
 def wrist(arms: int) -> None:
     """UR5s with errors in every joint and a camera on the wrist: pictures of a board on the base, boards, fit."""
     print(
-    print("\n| UR5 | poses | tool up to a constant, mm RMS: before | after | verdict | angle, deg RMS: before | after |\n|" + "---|" * 7)
+        print(
+            "\n| UR5 | poses | tool up to a constant, mm RMS: before | after | verdict | angle, deg RMS: before | after |\n|" + "---|" * 7
+        )
         + "---|" * 7
     )
     for seed in range(arms):
