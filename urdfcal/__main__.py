@@ -2,4 +2,7 @@
 
 from __future__ import annotations
 
-import urdfcal.cli.__main__  # noqa: F401
+from urdfcal.cli.__main__ import start
+
+if __name__ == "__main__":
+    start()

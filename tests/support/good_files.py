@@ -46,6 +46,8 @@ TEXTS = {
     "small.urdf": URDF,
     "targets.csv": TARGETS,
     "dh.csv": DH,
+    "fleet.csv": "name,description,measurements,options\none,small.urdf,m.csv,--no-ask\ntwo,small.urdf,m.csv,--seed 1\n",
+    "prior.yaml": "urdfcal: prior\nrobots: 5\njoint: {translation_mm: 1.5, rotation_deg: 0.1, zero_deg: 0.2}\n",
     "p.script": SCRIPT,
     "p.src": KRL,
     "small.xacro": XACRO,
@@ -107,6 +109,8 @@ COMMANDS = {
         "compare c.yaml small.urdf",
         "correct small.urdf targets.csv --calibration c.yaml -o out.csv --overwrite --tool tool",
     ),
+    "fleet.csv": ("fleet fleet.csv -o fleet --workers 1 --fit --no-sag",),
+    "prior.yaml": ("fit small.urdf m.csv -o out.urdf --overwrite --prior-from prior.yaml",),
     "dh.csv": ("import small.urdf dh.csv --convention modified --tip tool -o out.yaml --overwrite",),
     **{
         name: (f"correct small.urdf {name} --calibration c.yaml -o out.{name.rpartition('.')[2]} --overwrite --tool tool",)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+_NAMED = {"compensation": "a compensation, which --compensation takes", "prior": "a fleet's prior, which fit --prior-from takes"}
 RIG = "a rig file, which --rig takes"
 _BY_ENTRY = {
     "dictionary": "a screen.yaml, which --markers takes",
@@ -17,8 +18,8 @@ def kind_of(content: Any) -> str:
     """Words for what a document is; empty where it is none that is known."""
     if not isinstance(content, dict):
         return ""
-    if content.get("urdfcal") == "compensation":
-        return "a compensation, which --compensation takes"
+    if content.get("urdfcal") in _NAMED:
+        return _NAMED[content["urdfcal"]]
     return next((words for entry, words in _BY_ENTRY.items() if entry in content), "")
 
 

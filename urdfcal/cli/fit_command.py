@@ -16,6 +16,7 @@ from urdfcal.cli.inputs import (
     by_the_data,
     earlier_joints,
     expanded_note,
+    fleets_prior,
     forgotten_branch,
     joint_noise,
     listed,
@@ -136,6 +137,12 @@ def fit(
         ),
     ] = PriorScales.AUTO,
     prior_joint: PriorJoint = None,
+    prior_from: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="YAML", help="The joints' prior of a fleet: prior.yaml of urdfcal fleet.", show_default=False, rich_help_panel=EXPERT
+        ),
+    ] = None,
     prior_mount: PriorMount = None,
     prior_screen: PriorScreen = None,
     prior_beams: PriorBeams = None,
@@ -269,7 +276,7 @@ def fit(
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     outputs = planned(chosen(output_format), output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
-    inputs = (robot, measurements, rig, test, ur_hash_from, camera, after)
+    inputs = (robot, measurements, rig, test, ur_hash_from, camera, after, prior_from)
     require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")
@@ -288,6 +295,8 @@ def fit(
     require_lasers_for(data, chosen(estimate), screen=screen, laser=laser)
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
+    if prior_from is not None:
+        priors["joint"] = fleets_prior(prior_from, prior_joint)
     options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, chosen(estimate), fix or (), only or (), priors)
     how: dict[str, Any] = {
         "estimator": estimator.value,

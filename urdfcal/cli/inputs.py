@@ -354,6 +354,20 @@ def priors_of(joint: str | None, mount: str | None, screen: str | None, beams: s
     return {kind: parse_prior(text) for kind, text in stated.items() if text is not None}
 
 
+def fleets_prior(path: Path, joint: str | None) -> PriorScale:
+    """The joints' prior of a fleet.
+
+    Raises:
+        InputError: the file is none.
+        UsageError: another one is stated, too.
+    """
+    from urdfcal.fleet.prior import read_prior
+
+    if joint is not None:
+        raise UsageError("--prior-from and --prior-joint both state the joints' prior; use one of the two")
+    return read_prior(path)
+
+
 def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:
     """Standard deviation of every joint reading, [rad]."""
     import numpy as np

@@ -10,6 +10,7 @@ from typing import Literal
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.geometry import DEG, MM
 
+_ZERO = ".d_theta"  # how names of joints' zeros end
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
 
 Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera", "rig"]
@@ -19,19 +20,27 @@ Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place
 class PriorScale:
     """Standard deviations of a group of parameters: translations in metres, rotations in radians.
 
+    Attributes:
+        translation: [m].
+        rotation: [rad].
+        zero: Of joints' zeros, [rad]; None where they are like other rotations.
+
     Raises:
         UsageError: one of them is not above zero; a parameter that is known is fixed instead.
     """
 
     translation: float
     rotation: float
+    zero: float | None = None
 
     def __post_init__(self) -> None:
-        if not (self.translation > 0 and self.rotation > 0):
+        if not (self.translation > 0 and self.rotation > 0 and (self.zero is None or self.zero > 0)):
             raise UsageError(f"a prior's standard deviations must be above zero, found {self.translation:g} m and {self.rotation:g} rad")
 
-    def sigma(self, unit: str) -> float:
-        """The one for a parameter's unit."""
+    def sigma(self, unit: str, name: str = "") -> float:
+        """The one for a parameter's unit, and for its name where zeros have their own."""
+        if self.zero is not None and name.endswith(_ZERO):
+            return self.zero
         return self.translation if unit == "m" else self.rotation
 
 
@@ -82,7 +91,7 @@ class Parameter:
             return _SOFT.get(what, "eccentricity" if what.startswith("ecc_") else "gear" if what.startswith("gear") else "")
         if self.kind != "joint":
             return ""
-        return "translation" if self.unit == "m" else "zero" if self.name.endswith(".d_theta") else "rotation"
+        return "translation" if self.unit == "m" else "zero" if self.name.endswith(_ZERO) else "rotation"
 
 
 def matching(parameters: Sequence[Parameter], pattern: str) -> set[str]:

@@ -1,0 +1,180 @@
+"""`urdfcal fleet`: many robots, each calibrated by itself, on as many processes as there are."""
+
+from __future__ import annotations
+
+import logging
+import math
+import os
+import shlex
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from urdfcal.base.errors import FitRejected, UsageError
+from urdfcal.cli.console import Working, finish, warn
+from urdfcal.cli.options import Json, Quiet
+
+if TYPE_CHECKING:
+    from urdfcal.fleet.manifest import FleetRow
+    from urdfcal.fleet.outcome import Outcome
+
+MARK = "fleet.json"  # what tells a folder of ours
+_BATCHES = 8  # a worker
+_MOST_ROWS = 16  # of a batch: what is in flight is lost where a worker dies
+_TOLD = 8  # robots that are named one by one
+
+
+def fleet(
+    manifest: Annotated[
+        str,
+        typer.Argument(
+            metavar="MANIFEST",
+            help="CSV with columns description, measurements and, if need be, name and options (of fit); or a pattern of folders with a "
+            "description and measurements each.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="A folder a robot, summary, prior.yaml and page.", show_default=False)
+    ],
+    options: Annotated[
+        str, typer.Option("--fit", metavar="OPTIONS", help="Options of fit for all robots, in quotes: '--no-sag'.", show_default=False)
+    ] = "",
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.", show_default=False)] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="A dask scheduler that is there, tcp://host:8786; it must see the files.", show_default=False),
+    ] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate many robots: each in a folder of its own, what is done stays done, and all of them in one summary."""
+    from urdfcal.fleet.manifest import fleet_rows
+    from urdfcal.fleet.outcome import standing_out
+    from urdfcal.fleet.prior import fleet_prior
+    from urdfcal.fleet.written import written
+
+    rows = fleet_rows(manifest, _words(options))
+    into = _folder(output)
+    with Working(f"fitting {len(rows)} robots", quiet):
+        outcomes = _all(rows, into, workers, scheduler)
+    likelihoods = {own.name: told for own in outcomes if (told := own.likelihood) is not None}
+    prior = fleet_prior(likelihoods)
+    unlike = standing_out(outcomes)
+    files = written(into, outcomes, prior, unlike)
+    bad = [own for own in outcomes if own.code]
+    warn([f"{own.name}: {own.said}" for own in bad[:_TOLD]], quiet)
+    warn([f"and {len(bad) - _TOLD} more: see summary.csv"] if len(bad) > _TOLD else [], quiet)
+    finish(_machine(outcomes, files) if as_json else None, _told(outcomes, files), quiet)
+    if bad:
+        raise typer.Exit(FitRejected.exit_code)
+
+
+def _words(options: str) -> list[str]:
+    try:
+        return shlex.split(options)
+    except ValueError as error:
+        raise UsageError(f"--fit {options}: {error}") from None
+
+
+def _folder(output: Path) -> Path:
+    """The folder of the results, marked as one.
+
+    Raises:
+        UsageError: it cannot be written, or holds something else.
+    """
+    from urdfcal.base.files import write_whole
+
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"-o {output}: cannot be made: {error.strerror}") from None
+    if not (output / MARK).is_file():
+        if any(output.iterdir()):
+            raise UsageError(f"-o {output}: is there already and is no folder of urdfcal fleet; name another")
+        write_whole(output / MARK, b'{"urdfcal": "fleet"}\n')
+    return output.resolve()
+
+
+def _all(rows: Sequence[FleetRow], into: Path, workers: int | None, scheduler: str | None) -> list[Outcome]:
+    """Every robot, in the order of the manifest."""
+    from urdfcal.base.progress import counted
+    from urdfcal.cli.fleet_worker import fit_rows
+
+    found: dict[str, Outcome] = {}
+    with counted("robot", len(rows)) as advance:
+        count = workers or os.cpu_count() or 1
+        done = map(lambda batch: fit_rows(batch, into), _batches(rows, 1)) if scheduler is None and count == 1 else None
+        for outcomes in done or _spread(_batches(rows, count), into, count, scheduler):
+            for own in outcomes:
+                found[own.name] = own
+                advance()
+    return [found[row.name] for row in rows]
+
+
+def _batches(rows: Sequence[FleetRow], workers: int) -> list[Sequence[FleetRow]]:
+    size = max(1, min(_MOST_ROWS, len(rows) // (workers * _BATCHES)))
+    return [rows[start : start + size] for start in range(0, len(rows), size)]
+
+
+def _spread(batches: Sequence[Sequence[FleetRow]], into: Path, workers: int, scheduler: str | None) -> Iterator[list[Outcome]]:
+    """What workers made of batches, as it comes.
+
+    Raises:
+        UsageError: dask is not installed, or the scheduler does not answer.
+    """
+    from importlib import import_module
+
+    from urdfcal.cli.fleet_worker import fit_rows
+
+    try:
+        dask, distributed = import_module("dask"), import_module("distributed")
+    except ImportError:
+        raise UsageError("several processes want dask: pip install 'urdfcal[fleet]', or use --workers 1") from None
+    one_thread = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    with dask.config.set({"distributed.nanny.pre-spawn-environ": one_thread, "distributed.scheduler.allowed-failures": 1}):
+        try:
+            own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+            cluster = distributed.LocalCluster(**own) if scheduler is None else None
+            client = distributed.Client(cluster or scheduler, timeout="10s")
+        except (OSError, ValueError, TimeoutError) as error:
+            raise UsageError(f"--scheduler {scheduler}: does not answer: {' '.join(str(error).split())}") from None
+        with client, cluster or nullcontext():
+            tasks = {client.submit(fit_rows, batch, into, pure=False): batch for batch in batches}
+            for task in distributed.as_completed(list(tasks)):
+                yield task.result() if task.status == "finished" else [_lost(row.name, task) for row in tasks[task]]
+
+
+def _lost(name: str, task: Any) -> Outcome:
+    from urdfcal.fleet.outcome import Outcome
+
+    error = " ".join(f"{task.exception()}".split())
+    return Outcome(name, 70, f"the process that fitted it ended: {error[:200]}; run the command again, or with --workers 1")
+
+
+def _told(outcomes: Sequence[Outcome], files: Sequence[Path]) -> str:
+    import numpy as np
+
+    from urdfcal.base.terminal import many, rounded
+
+    counts = {use: sum(own.use == use for own in outcomes) for use in ("yes", "reservations", "no", "failed")}
+    words = {"yes": "can be used", "reservations": "with reservations", "no": "not to be used", "failed": "failed"}
+    kept = sum(own.kept for own in outcomes)
+    lines = [f"{many(len(outcomes), 'robot')}: " + ", ".join(f"{count} {words[use]}" for use, count in counts.items() if count)]
+    good = [own for own in outcomes if own.result]
+    if good:
+        before, after = (np.median([own.mean_mm(when) for own in good]) for when in ("before", "after"))
+        lines.append(f"mean distance, median over robots: {rounded(before, 3)} mm before, {rounded(after, 3)} mm after")
+    lines += [f"{kept} from an earlier run"] if kept else []
+    return "\n".join([*lines, "wrote " + ", ".join(str(file) for file in files)])
+
+
+def _machine(outcomes: Sequence[Outcome], files: Sequence[Path]) -> dict[str, Any]:
+    def plain(value: Any) -> Any:
+        return None if isinstance(value, float) and math.isnan(value) else value
+
+    rows = [{key: plain(value) for key, value in own.row().items()} for own in outcomes]
+    return {"robots": rows, "kept": sum(own.kept for own in outcomes), "files": [str(file) for file in files]}

@@ -1,0 +1,1 @@
+"""Many robots of one model: each calibrated by itself, and what all of them say of each."""
