@@ -2,12 +2,12 @@
 
     python tests/benchmarks/fleet.py [--robots N] [--poses N] [--factory] [--data DIR]
 
-UR5s with random errors (1 mm, 0.1 deg in six directions of every joint), read by a tracker to 0.1 mm. One process and two fit the same robots
-in turn; wall-clock seconds, and processor seconds a robot. Then the run with two processes is killed (-9) half-way and run again.
+UR5s with random errors (1 mm, 0.1 deg in six directions of every joint), read by a tracker to 0.1 mm. One process and two fit the same
+robots in turn; wall-clock seconds, and processor seconds a robot. Then the run with two processes is killed (-9) half-way and run again.
 
-`--factory`: truths are what a maker wrote for 15 arms (ur_factory in DIR: joint frames against nominal); each is read at 10 poses to 0.1 mm.
-For each arm in turn the prior is that of the 14 others; beside the fit with its own priors alone stands the one with it: RMS distance
-of the tool, up to a constant, over the workspace.
+`--factory`: truths are what a maker wrote for 15 arms (ur_factory in DIR: joint frames against nominal); each is read at 10 poses to
+0.1 mm, which is stated. For each arm in turn the prior is that of the 14 others; beside the fit with its own priors alone stands the
+one with it: RMS distance of the tool, up to a constant, over the workspace.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
@@ -37,7 +36,9 @@ from urdfcal.fleet.prior import fleet_prior
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
 
+ROOT = Path(__file__).parents[2]
 UR5 = ROOT / "robots" / "ur5" / "ur5.urdf.xacro"
+NOISE = {"point": 1e-4}
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 
@@ -109,16 +110,17 @@ def factory(data: Path) -> None:
     for seed, arm in enumerate(arms):
         errors = dict(zip(names, arm.tolist(), strict=True))
         made.append(urdfcal.simulate(nominal, 10, sensors=["point:tool0"], errors=errors, length_noise=1e-4, seed=seed))
-        fits.append(urdfcal.fit(made[-1].nominal, made[-1].measurements))
+        fits.append(urdfcal.fit(made[-1].nominal, made[-1].measurements, sigmas=NOISE))
     told = [Outcome(str(number), 0, joints=joints_of(fit)).likelihood for number, fit in enumerate(fits)]
     rows = []
     for number, (own, simulation) in enumerate(zip(fits, made, strict=True)):
         prior = fleet_prior({str(other): each for other, each in enumerate(told) if other != number and each is not None})
         assert prior is not None
         scale = PriorScale(prior.scales["translation"], prior.scales["rotation"], prior.scales["zero"])
-        shared_prior = urdfcal.fit(simulation.nominal, simulation.measurements, options=ModelOptions(priors={"joint": scale}))
+        shared_prior = urdfcal.fit(simulation.nominal, simulation.measurements, sigmas=NOISE, options=ModelOptions(priors={"joint": scale}))
         rows.append([off(simulation, simulation.nominal), off(simulation, own), off(simulation, shared_prior)])
         print(f"arm {number}: nominal {rows[-1][0]:.3f}, own prior {rows[-1][1]:.3f}, the others' {rows[-1][2]:.3f} mm", flush=True)
+    print({name: f"{scale:.2e}" for name, scale in prior.scales.items()})
     rms = np.sqrt(np.mean(np.square(rows), axis=0))
     print(f"RMS over {len(rows)} arms: {rms[0]:.3f}, {rms[1]:.3f}, {rms[2]:.3f} mm; {1 - rms[2] / rms[1]:.0%} less than the own prior's")
 

@@ -10,6 +10,7 @@ import yaml
 from scipy import optimize
 
 from urdfcal.base.errors import InputError
+from urdfcal.fleet.outcome import Outcome
 from urdfcal.fleet.prior import FleetPrior, Likelihood, fleet_prior, prior_entries, read_prior
 
 NAMES = ("a.d_a", "a.d_alpha", "a.d_theta", "b.d_a", "b.d_d", "b.d_alpha", "b.d_theta")
@@ -71,6 +72,14 @@ def test_a_fleets_prior_is_nearer_to_the_truth_than_the_usual_one() -> None:
         off.append([np.linalg.norm(own.posterior(variance)[0] - x) for variance in (usual, own.variances(prior.scales))])
     before, after = np.sqrt(np.mean(np.square(off), axis=0))
     assert after < 0.8 * before
+
+
+def test_few_poses_with_noise_that_nobody_stated_tell_nothing_of_the_fleet() -> None:
+    """Estimated from a few poses the noise is too small; stated, or of many poses, it is taken."""
+    joints = {"names": ["a.d_a"], "units": ["m"], "values": [1e-3], "covariance": [[1e-8]], "prior_sigma": [1e-2]}
+    kinds = [(10, 1.0), (10, 0.7), (40, 1.0)]
+    told = [{"poses": {"count": count}, "chi_squared_per_degree_of_freedom": chi} for count, chi in kinds]
+    assert [Outcome("a", 0, result=result, joints=joints).likelihood is not None for result in told] == [False, True, True]
 
 
 def test_two_robots_are_no_fleet() -> None:

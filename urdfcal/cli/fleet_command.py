@@ -52,6 +52,7 @@ def fleet(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate many robots: each in a folder of its own, what is done stays done, and all of them in one summary."""
+    from urdfcal.estimation.evidence import LEAST_POSES
     from urdfcal.fleet.manifest import fleet_rows
     from urdfcal.fleet.outcome import standing_out
     from urdfcal.fleet.prior import fleet_prior
@@ -65,6 +66,9 @@ def fleet(
     prior = fleet_prior(likelihoods)
     unlike = standing_out(outcomes)
     files = written(into, outcomes, prior, unlike)
+    unsure = [own.name for own in outcomes if own.joints and not own.noise_known]
+    few = f"fewer than {LEAST_POSES} poses, and the noise of what was read is not stated: left out of the prior"
+    warn([f"{', '.join(unsure[:_TOLD])}{' ...' if len(unsure) > _TOLD else ''}: {few}"] if unsure else [], quiet)
     bad = [own for own in outcomes if own.code]
     warn([f"{own.name}: {own.said}" for own in bad[:_TOLD]], quiet)
     warn([f"and {len(bad) - _TOLD} more: see summary.csv"] if len(bad) > _TOLD else [], quiet)

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from urdfcal.base.geometry import MM, Vector
+from urdfcal.estimation.evidence import LEAST_POSES
 from urdfcal.fleet.prior import Likelihood
 from urdfcal.model.parameters import Parameter
 
 _FAR = 4.0  # robust standard deviations from the fleet's median by which a robot stands out
+_OF_ESTIMATED = 1e-5  # from 1 is chi-squared per degree of freedom where noise was estimated
 _LEAST_SPREAD = 0.1  # of the logarithm of an error after calibration
 _LEAST = 5  # robots below which nobody can stand out
 
@@ -55,10 +57,16 @@ class Outcome:
         return sum(part["mean_mm"] * part["n"] for part in parts) / count if count else float("nan")
 
     @property
+    def noise_known(self) -> bool:
+        """Whether how far off readings are was stated, or told by enough of them: else it comes out too small, and the data too sure."""
+        stated = abs(self.result.get("chi_squared_per_degree_of_freedom", 1.0) - 1) > _OF_ESTIMATED
+        return stated or self.result.get("poses", {}).get("count", 0) >= LEAST_POSES
+
+    @property
     def likelihood(self) -> Likelihood | None:
-        """What its data say of its joints."""
+        """What its data say of its joints; None where that cannot be told."""
         told = self.joints
-        if not told.get("names"):
+        if not told.get("names") or not self.noise_known:
             return None
         x, P, sigma = (np.array(told[key], dtype=float) for key in ("values", "covariance", "prior_sigma"))
         return Likelihood.of(told["names"], told["units"], x, P, sigma)
