@@ -13,6 +13,7 @@ import jsonschema
 import pytest
 
 from tests.conftest import CliResult
+from tests.support.other_models import MJCF
 from tests.support.paths import ROBOTS_DIR
 from tests.support.small_robot import URDF
 
@@ -32,6 +33,8 @@ def printed() -> dict[str, list[Any]]:
 def outputs(run_cli: Callable[..., CliResult], folder: Path) -> dict[str, list[Any]]:
     """Results of each command: with lasers and with other sensors, of a good fit and of a refused one."""
     (folder / "small.urdf").write_text(URDF)
+    (folder / "m.xml").write_text(MJCF)
+    truth = "small.urdf", "m_truth.yaml"
 
     def run(*words: str) -> Any:
         return json.loads(run_cli(*words, "--json", "-q").out)
@@ -47,7 +50,7 @@ def outputs(run_cli: Callable[..., CliResult], folder: Path) -> dict[str, list[A
         "evaluate": [run("evaluate", *ARM7), run("evaluate", *sensed)],
         "measurements": [run("measurements", *ARM7), run("measurements", *sensed)],
         "dh": [run("dh", "small.urdf", "--tip", "tool"), run("dh", "small.urdf", "--calibration", "m_truth.yaml")],
-        "apply": [run("apply", "small.urdf", "m_truth.yaml", "-o", "a.urdf")],
+        "apply": [run("apply", "small.urdf", "m_truth.yaml", "-o", "a.urdf"), run("apply", *truth, "--onto", "m.xml", "-o", "n.xml")],
     }
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from tests.conftest import CliResult
 from tests.output.test_formats import UR_ORIGINS, ur_text
 from tests.support.meshes import OBJ, STL, TRIANGLE, collada
+from tests.support.other_models import MJCF, SDF
 from tests.support.small_robot import URDF, XACRO
 from urdfcal.output.driver_yaml import ur_yaml
 from urdfcal.robot.robot import load_robot
@@ -48,6 +49,8 @@ TEXTS = {
     "dh.csv": DH,
     "p.script": SCRIPT,
     "p.src": KRL,
+    "model.xml": MJCF,
+    "model.sdf": SDF,
     "small.xacro": XACRO,
     "shown.urdf": URDF.replace('<link name="upper"/>', f'<link name="upper">{SHOWN}</link>'),
     "ur.urdf": UR,
@@ -112,6 +115,7 @@ COMMANDS = {
         name: (f"correct small.urdf {name} --calibration c.yaml -o out.{name.rpartition('.')[2]} --overwrite --tool tool",)
         for name in ("targets.csv", "p.script", "p.src")
     },
+    **{name: (f"apply small.urdf c.yaml --onto {name} -o out.{name[-3:]} --overwrite --json",) for name in ("model.xml", "model.sdf")},
     "ur.yaml": ("apply ur.urdf urc.yaml --format ur --ur-hash-from ur.yaml -o out.yaml --overwrite",),
     "errors.yaml": ("simulate small.urdf -o out.csv --overwrite --poses 5 --errors errors.yaml",),
     "camera.yaml": (
