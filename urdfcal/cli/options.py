@@ -54,6 +54,10 @@ class FormatName(StrEnum):
     ORIGINS_YAML = "origins-yaml"
     UR = "ur"
     OFFSETS = "offsets"
+    XARM = "xarm"
+    FRANKA = "franka"
+    FLEXIV = "flexiv"
+    TESSERACT = "tesseract"
 
 
 class Addition(StrEnum):
@@ -194,7 +198,8 @@ Formats = Annotated[
     typer.Option(
         "--format",
         help="What to write: origins-yaml has x y z roll pitch yaw of every joint, ur is the kinematics file of the UR driver, "
-        "offsets has joint offsets alone; repeatable, all go beside the first. Default: urdf.",
+        "offsets has joint offsets alone, xarm, franka, flexiv and tesseract are what these read; repeatable, all go beside the first. "
+        "Default: urdf.",
         show_default=False,
     ),
 ]
