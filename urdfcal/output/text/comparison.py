@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _FIGURES = ("mean", "95 %", "worst")
-_NOT_SAID = "± is one combined standard deviation along the difference, and nothing where nobody estimated it"
+NOT_SAID = "± is one combined standard deviation along the difference, and nothing where nobody estimated it"
 
 
 def comparison_blocks(found: Comparison) -> list[RenderableType]:
@@ -24,7 +24,7 @@ def comparison_blocks(found: Comparison) -> list[RenderableType]:
         finding(found),
         "",
         titled("Joint by joint, in the joint's own axes", _joint_table(found)),
-        *(["", _NOT_SAID] if found.expected is not None else []),
+        *(["", NOT_SAID] if found.expected is not None else []),
         "",
         titled(f"At '{found.tool}', over {len(found.at_tool.distance)} random configurations", _tool_table(found)),
         *([] if found.identical else ["", f"Farthest apart at {_where(found)}"]),
@@ -72,24 +72,40 @@ def _joint_table(found: Comparison) -> Table:
     table = figures_table("joint")
     for heading in ("mm", "±", "deg", "±", "σ") if sure else ("mm", "deg"):
         table.add_column(heading, justify="right")
+    for row in joint_rows(found):
+        table.add_row(*row)
+    return table
+
+
+def joint_rows(found: Comparison) -> list[list[str]]:
+    """Name, distance [mm] and angle [deg] by joint, each with its ± and both with σ where somebody says how sure he is."""
+    sure, table = found.expected is not None, []
     for joint in found.joints:
         rows = ((joint.distance, joint.distance_sigma, MM), (joint.angle, joint.angle_sigma, DEG))
         cells = [_in(value, unit) for size, sigma, unit in rows for value in ((size, sigma) if sure else (size,))]
-        table.add_row(joint.name, *cells, *([_sigmas(joint)] if sure else []))
+        table.append([joint.name, *cells, *([_sigmas(joint)] if sure else [])])
     return table
 
 
 def _tool_table(found: Comparison) -> Table:
-    table, tool = figures_table(""), found.at_tool
+    table = figures_table("")
     for heading in _FIGURES:
         table.add_column(heading, justify="right")
-    for name, values, unit in (
-        ("distance, mm", tool.distance, MM),
-        ("up to a constant, mm", tool.apart, MM),
-        ("angle, deg", tool.angle, DEG),
-    ):
-        table.add_row(name, *(f"{value / unit:.3f}" for value in _figures(values)))
+    for row in tool_rows(found):
+        table.add_row(*row)
     return table
+
+
+def tool_rows(found: Comparison) -> tuple[tuple[str, ...], ...]:
+    """What differs at the tool, with its mean, 95 % and worst."""
+    tool = found.at_tool
+    rows = (("distance, mm", tool.distance, MM), ("up to a constant, mm", tool.apart, MM), ("angle, deg", tool.angle, DEG))
+    return tuple((name, *(f"{value / unit:.3f}" for value in _figures(values))) for name, values, unit in rows)
+
+
+def worst_rows(found: Comparison) -> tuple[tuple[str, str], ...]:
+    """Joints and their positions where the two are farthest apart."""
+    return tuple((name, _position(found, name, value)) for name, value in found.at_tool.worst.items())
 
 
 def _in(value: float | None, unit: float) -> str:
@@ -111,7 +127,7 @@ def _joint_entry(joint: JointDifference) -> dict[str, Any]:
 
 
 def _where(found: Comparison) -> str:
-    return ", ".join(f"{name} {_position(found, name, value)}" for name, value in found.at_tool.worst.items())
+    return ", ".join(f"{name} {position}" for name, position in worst_rows(found))
 
 
 def _position(found: Comparison, name: str, value: float) -> str:
