@@ -19,7 +19,8 @@ from urdfcal.output.text.targets import off_figures
 from urdfcal.robot.way import Way
 
 _MOST_ROWS = 400  # beyond, the table has the worst; all are in --json
-_UNITS = ("mm", "deg")
+_SHOWN = {"mm": "Position", "deg": "Orientation"}
+_UNITS = tuple(_SHOWN)
 
 
 def targets_page(
@@ -99,7 +100,7 @@ def _over(found: Sequence[Corrected], unit: str) -> Picture:
         axes.x_label, axes.y_label, axes.whole = "target, in the file's order", f"off by {unit}", True
         axes.y_ends = (-0.03 * most, 1.08 * most)
 
-    return draw_picture("program", "Position" if unit == "mm" else "Orientation", "", 150, draw)
+    return draw_picture("program", _SHOWN[unit], "", 150, draw)
 
 
 def _sizes(found: Sequence[Corrected]) -> Picture:
