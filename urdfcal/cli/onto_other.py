@@ -98,7 +98,7 @@ def _in_mujoco(found: Patched, seed: int) -> tuple[tuple[float, float], tuple[fl
     if not mujoco_is_there():
         return None
     before, after = off_in_mujoco(
-        (found.original, found.whole), found.zero, found.before.T_model_base, found.joints, np.random.default_rng(seed)
+        (found.original, found.whole), found.zero, found.before.T_model_base, found.joints, found.theirs, np.random.default_rng(seed)
     )
     if any(now > _MOST + 2 * then for then, now in zip(before, after, strict=True)):
         raise RobotError(
@@ -112,6 +112,8 @@ def _in_mujoco(found: Patched, seed: int) -> tuple[tuple[float, float], tuple[fl
 def _said(found: Patched, model: Path, seen: object, force: bool) -> list[str]:
     mm, mrad = found.nominal_off
     lines = [f"{model}: nothing in it is named after what {', '.join(found.lost)} holds, so that part is not in it"] if found.lost else []
+    if found.joints != found.theirs:
+        lines.append(f"{model}: no joint there is called as in the URDF; {found.theirs[0]} is taken for {found.joints[0]}, and so on")
     if others := found.other_frames:
         worst = max(others, key=lambda link: max(others[link]))
         lines.append(

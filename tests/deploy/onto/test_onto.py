@@ -184,8 +184,8 @@ def test_mujocos_own_conversions_are_calibrated_as_their_urdf(urdf: str, example
     names = tuple(name for name, joint in robot.tree.joints.items() if joint.moves and "finger" not in name)
     found = patched(robot, origins_of(robot, names), path)
     texts, rng = (found.original, found.whole), np.random.default_rng(0)
-    before, after = off_in_mujoco(texts, found.zero, found.before.T_model_base, names, rng)
-    unchanged = off_in_mujoco((found.original, found.original), found.zero, found.before.T_model_base, names, rng)[1]
+    before, after = off_in_mujoco(texts, found.zero, found.before.T_model_base, found.joints, found.theirs, rng)
+    unchanged = off_in_mujoco((found.original, found.original), found.zero, found.before.T_model_base, found.joints, found.theirs, rng)[1]
     assert max(*before, *after) < 1e-3
     assert min(unchanged) > 1
 
@@ -254,9 +254,24 @@ def test_other_frames_do_when_the_axes_are_the_same(tmp_path: Path) -> None:
     turned = MJCF.replace('ref="30"', "").replace("euler='30 0 0'", "euler='40 0 0'")
     turned = turned.replace('axisangle="1 0 0 5.729577951308232" pos="0.3 0 0"', lower)
     found = onto(turned, tmp_path, JOINTS)
-    before, after = off_in_mujoco((found.original, found.whole), found.zero, found.before.T_model_base, JOINTS, np.random.default_rng(0))
+    before, after = off_in_mujoco(
+        (found.original, found.whole), found.zero, found.before.T_model_base, JOINTS, JOINTS, np.random.default_rng(0)
+    )
     assert max(*before, *after) < 1e-6
     assert set(found.other_frames) == {"upper"}
+
+
+@pytest.mark.parametrize(("text", "ours", "theirs"), [(MJCF, "", "r_"), (MJCF, "arm_", ""), (SDF, "", "r_"), (SDF, "arm_", "")])
+def test_a_prefix_on_one_side_is_no_other_robot(text: str, ours: str, theirs: str, tmp_path: Path) -> None:
+    """Where all joints of one have a prefix that the other's have not, the same comes out as with equal names."""
+    path = tmp_path / "prefixed.xml"
+    path.write_text(re.sub(r"(name|relative_to)=(['\"])(turn|lift|slide)\2", rf"\1=\2{theirs}\3\2", text))
+    robot = robot_of(re.sub(r'joint name="(turn|lift|slide)"', rf'joint name="{ours}\1"', URDF))
+    names = tuple(ours + name for name in JOINTS)
+    found = patched(robot, origins_of(robot, names), path)
+    assert (found.joints, found.theirs) == (names, tuple(theirs + name for name in JOINTS))
+    expected = onto(text, tmp_path, JOINTS).whole[tmp_path / "model.xml"]
+    assert re.sub(rb"r_(?=turn|lift|slide)", b"", found.whole[path]) == expected
 
 
 def test_apply_writes_the_model(run_cli: Callable[..., Any], tmp_path: Path) -> None:

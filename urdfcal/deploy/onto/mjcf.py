@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from urdfcal.base.geometry import SE3, Vector, Z
 from urdfcal.deploy.onto.mjcf_files import MjcfFiles
-from urdfcal.deploy.onto.model import MovingJoint, OtherModel, Placed
+from urdfcal.deploy.onto.model import Called, MovingJoint, OtherModel, Placed, same_name
 from urdfcal.deploy.onto.orientations import WAYS, read_rotation, written
 from urdfcal.deploy.onto.text import Edit, Element
 from urdfcal.deploy.onto.zero import Axis
@@ -35,6 +35,7 @@ _STAYS = 1e-13
 @dataclass(frozen=True)
 class _Joint:
     element: Element
+    name: str  # as the URDF has it
     moves: bool
     ref: float
     axis: Axis  # in the model's base at zero
@@ -53,7 +54,7 @@ class _Node:
 
     @property
     def moved_by(self) -> tuple[str, ...]:
-        own = tuple(joint.element.name if joint.moves else "" for joint in self.joints)
+        own = tuple(joint.name if joint.moves else "" for joint in self.joints)
         return (*(self.above.moved_by if self.above else ()), *own)
 
 
@@ -62,8 +63,8 @@ class Mjcf(OtherModel):
 
     kind = "mjcf"
 
-    def __init__(self, files: MjcfFiles) -> None:
-        self.files = files
+    def __init__(self, files: MjcfFiles, called: Called = same_name) -> None:
+        self.files, self.called = files, called
         self.angles, self.defaults = files.angles(), files.defaults()
         if files.main.root.tag != "mujoco":
             raise files.main.root.fail(f"found <{files.main.root.tag}>, expected <mujoco>, as MJCF has it")
@@ -73,11 +74,9 @@ class Mjcf(OtherModel):
         self.joints = {}
         for node in self.nodes:
             for index, joint in enumerate(node.joints):
-                if joint.moves and joint.element.name:
+                if joint.moves and joint.name:
                     count = len(node.moved_by) - len(node.joints) + index
-                    self.joints[joint.element.name] = MovingJoint(
-                        joint.element.name, joint.axis, node.T_model_own, joint.element, node.moved_by[:count]
-                    )
+                    self.joints[joint.name] = MovingJoint(joint.name, joint.axis, node.T_model_own, joint.element, node.moved_by[:count])
 
     def texts(self) -> Mapping[Path, bytes]:
         """The files that it consists of; the one that was named first."""
@@ -87,7 +86,9 @@ class Mjcf(OtherModel):
         """Bodies without a joint of their own, and sites."""
         for node in self.nodes:
             if node.element.tag != "frame" and not any(joint.moves for joint in node.joints):
-                yield Placed(node.element, (node.element.name,), tuple(filter(None, node.moved_by)), node.T_model_own)
+                yield Placed(
+                    node.element, (self.called(node.element.name), node.element.name), tuple(filter(None, node.moved_by)), node.T_model_own
+                )
 
     def _read(self, element: Element, above: _Node | None, childclass: str) -> None:
         for child in self.files.children(element):
@@ -130,7 +131,7 @@ class Mjcf(OtherModel):
         ref = float(element.numbers(said.get("ref", "0"), (1,), "ref")[0]) * (1.0 if slides else self.angles.unit) if moves else 0.0
         axis = Axis(point, direction / length, slides).moved(node.T_model_own)
         node.T_model_own = axis.motion(-ref) * node.T_model_own
-        return _Joint(element, moves, ref, axis)
+        return _Joint(element, self.called(element.name), moves, ref, axis)
 
     def edits(self, follows: Mapping[str, SE3], named: Mapping[Element, SE3]) -> list[Edit]:
         """Numbers that move everything."""
@@ -138,11 +139,11 @@ class Mjcf(OtherModel):
         after: dict[_Node | None, SE3] = {None: pin.SE3.Identity()}
         edits: list[Edit] = []
         for node in self.nodes:
-            carried = [joint.element.name for joint in node.joints if joint.element.name in follows]
+            carried = [joint.name for joint in node.joints if joint.name in follows]
             own = follows[carried[-1]] if carried else named.get(node.element)
             motions[node] = motions[node.above] if own is None else own
             after[node] = motions[node] * node.T_model_own
-            axes = [joint.axis.moved(follows.get(joint.element.name, motions[node])) for joint in node.joints]
+            axes = [joint.axis.moved(follows.get(joint.name, motions[node])) for joint in node.joints]
             start = after[node]
             for joint, axis in zip(reversed(node.joints), reversed(axes), strict=True):
                 start = axis.motion(joint.ref) * start

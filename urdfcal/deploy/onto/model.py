@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +11,20 @@ from urdfcal.base.geometry import SE3
 from urdfcal.deploy.onto.text import Edit, Element
 from urdfcal.deploy.onto.zero import Axis
 
+Called = Callable[[str], str]  # from a name there to the name that the URDF has
+
+
+def same_name(name: str) -> str:
+    """A name that both have."""
+    return name
+
 
 @dataclass(frozen=True)
 class MovingJoint:
     """A joint of one degree of freedom.
 
     Attributes:
+        name: As the URDF has it.
         axis: In the model's base, all joints at zero.
         T_model_body: What it carries, at zero.
         element: Where it stands.

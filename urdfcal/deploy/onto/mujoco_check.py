@@ -34,6 +34,7 @@ def off_in_mujoco(
     zero: AtZero,
     T_model_base: SE3,
     names: Sequence[str],
+    theirs: Sequence[str],
     rng: np.random.Generator,
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """How far MuJoCo has bodies from where the nominal URDF, and the calibrated one, have their links: at most, [mm] and [mrad].
@@ -44,7 +45,8 @@ def off_in_mujoco(
         texts: The model's files before and after, the main one first.
         zero: The URDF and its calibration.
         T_model_base: Its base in the model.
-        names: Of joints that both have.
+        names: Of joints that both have, in the URDF.
+        theirs: The same joints' in the model.
         rng: For the configurations.
 
     Raises:
@@ -53,7 +55,7 @@ def off_in_mujoco(
     robot, links = zero.robot, [zero.robot.tree.joints[name].child for name in names]
     q = random_configurations(robot, rng, CONFIGURATIONS)
     positions = _positions(robot, names, q)
-    at_zero = _in_mujoco(texts[0], names, np.zeros((1, len(names))))[0]
+    at_zero = _in_mujoco(texts[0], theirs, np.zeros((1, len(names))))[0]
     held = [(T_model_base * zero.nominal[link]).actInv(body) for link, body in zip(links, at_zero, strict=True)]
     calibrated = with_text(robot, with_origins(robot.description, zero.origins))
     found = []
@@ -61,7 +63,7 @@ def off_in_mujoco(
         meant = _in_pinocchio(own, links, q)
         gaps = [
             distance_mm_mrad(T_model_base * link * offset, body)
-            for placed, bodies in zip(meant, _in_mujoco(text, names, positions), strict=True)
+            for placed, bodies in zip(meant, _in_mujoco(text, theirs, positions), strict=True)
             for link, offset, body in zip(placed, held, bodies, strict=True)
         ]
         found.append((max(mm for mm, _ in gaps), max(mrad for _, mrad in gaps)))

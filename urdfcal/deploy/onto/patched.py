@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 from urdfcal.base.errors import RobotError, no_such
 from urdfcal.base.geometry import SE3, distance_mm_mrad
 from urdfcal.deploy.onto.alignment import LEAST_MM, LEAST_MRAD, Fit, aligned, off
-from urdfcal.deploy.onto.model import OtherModel
+from urdfcal.deploy.onto.model import Called, OtherModel, same_name
 from urdfcal.deploy.onto.text import Element, edited, read_document
 from urdfcal.deploy.onto.zero import AtZero
 from urdfcal.robot.robot import Robot
@@ -28,7 +29,8 @@ class Patched:
         original: The description's files before, the one that was named first.
         whole: The same after.
         zero: The URDF and what corrects it.
-        joints: Names of the moving joints that both have.
+        joints: Names of the moving joints that both have, as the URDF has them.
+        theirs: The same as the description has them.
         before: The nominal URDF's axes against those of the description.
         after: The axes that are read back against those that were meant.
         lost: Calibrated joints that nothing in the description carries.
@@ -40,6 +42,7 @@ class Patched:
     whole: Mapping[Path, bytes]
     zero: AtZero
     joints: tuple[str, ...]
+    theirs: tuple[str, ...]
     before: Fit
     after: Fit
     lost: tuple[str, ...]
@@ -58,12 +61,13 @@ class Patched:
         return max(mm for mm, _ in gaps), max(mrad for _, mrad in gaps)
 
 
-def read_model(path: Path, texts: Mapping[Path, bytes] | None = None) -> OtherModel:
+def read_model(path: Path, texts: Mapping[Path, bytes] | None = None, called: Called = same_name) -> OtherModel:
     """Read an MJCF or SDF file.
 
     Args:
         path: The file.
         texts: What files hold, in place of the files themselves.
+        called: From its names to those of the URDF.
 
     Raises:
         RobotError: it is neither, or cannot be read.
@@ -75,9 +79,9 @@ def read_model(path: Path, texts: Mapping[Path, bytes] | None = None) -> OtherMo
     given = dict(texts or {})
     document = read_document(path, given.get(path))
     if document.root.tag == "mujoco":
-        return Mjcf(read_mjcf_files(path, given.get(path), given))
+        return Mjcf(read_mjcf_files(path, given.get(path), given), called)
     if document.root.tag == "sdf":
-        return Sdf(document)
+        return Sdf(document, called)
     hint = "; that is a URDF: leave --onto out" if document.root.tag == "robot" else ""
     raise document.root.fail(f"found <{document.root.tag}>, expected <mujoco> (MJCF) or <sdf>{hint}")
 
@@ -94,7 +98,8 @@ def patched(robot: Robot, origins: Mapping[str, SE3], path: Path, force: bool = 
     Raises:
         RobotError: it cannot be read, lacks a joint, has other kinematics, or is calibrated already.
     """
-    model, zero = read_model(path), AtZero(robot, origins)
+    called = _renamed(read_model(path), robot)
+    model, zero = read_model(path, called=called), AtZero(robot, origins)
     names = _matched(model, robot, origins)
     before = _fit(model, zero, names)
     _require_nominal(model, zero, names, before, path, force)
@@ -106,11 +111,27 @@ def patched(robot: Robot, origins: Mapping[str, SE3], path: Path, force: bool = 
         own: edited(text, [edit for edit in edits if edit.path == own]) if any(edit.path == own for edit in edits) else text
         for own, text in model.texts().items()
     }
-    after = _proved(read_model(path, texts), model, moved, names, robot, before)
+    after = _proved(read_model(path, texts, called), model, moved, names, robot, before)
     reached = {joint.name for link in moved for joint in robot.tree.path_from_root(link)}
     lost = tuple(name for name in origins if name not in reached)
+    theirs = tuple(model.joints[name].element.name for name in names)
     others = _other_frames(model, zero, W, names, links)
-    return Patched(model.kind, model.texts(), texts, zero, tuple(names), before, after, lost, others)
+    return Patched(model.kind, model.texts(), texts, zero, tuple(names), theirs, before, after, lost, others)
+
+
+def _renamed(model: OtherModel, robot: Robot) -> Called:
+    """Where no joint is called alike: the prefix that all moving joints of one have and the other has not, taken off or put on."""
+    ours = [name for name, joint in robot.tree.joints.items() if joint.moves]
+    if any(name in model.joints for name in ours):
+        return same_name
+    added = Counter(our.removesuffix(their) for our in ours for their in model.joints if their and our.endswith(their))
+    gone = Counter(their.removesuffix(our) for our in ours for their in model.joints if their.endswith(our))
+    for prefix, count in added.most_common(1):
+        if count >= max(gone.values(), default=0):
+            return lambda name: prefix + name
+    for prefix, _ in gone.most_common(1):
+        return lambda name: name.removeprefix(prefix)
+    return same_name
 
 
 def _matched(model: OtherModel, robot: Robot, origins: Mapping[str, SE3]) -> list[str]:

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import no_such
 from urdfcal.base.geometry import DEG, SE3, Vector, pose, xyz_rpy
-from urdfcal.deploy.onto.model import MovingJoint, OtherModel, Placed
+from urdfcal.deploy.onto.model import Called, MovingJoint, OtherModel, Placed, same_name
 from urdfcal.deploy.onto.text import Document, Edit, Element
 from urdfcal.deploy.onto.zero import Axis
 
@@ -50,15 +50,16 @@ class Sdf(OtherModel):
 
     kind = "sdf"
 
-    def __init__(self, document: Document) -> None:
-        self.document = document
+    def __init__(self, document: Document, called: Called = same_name) -> None:
+        self.document, self.called = document, called
         self.model = _only_model(document)
         _refuse_old(document.root)
         self.by_name = {own.name: own for own in self.model.all("link", "frame", "joint", "model") if own.name}
         self.things = {name: self._thing(element) for name, element in self.by_name.items()}
         self.inner = [self._inside(element, link) for link in self.model.all("link") for element in _placed_elsewhere(link)]
         self.holders = {self._link(_said(joint, "child"), joint): joint for joint in self.model.all("joint")}
-        self.joints = {joint.name: self._moving(joint) for joint in self.model.all("joint") if joint.attributes.get("type") in _MOVING}
+        moving = [joint for joint in self.model.all("joint") if joint.attributes.get("type") in _MOVING]
+        self.joints = {called(joint.name): self._moving(joint) for joint in moving}
 
     def texts(self) -> Mapping[Path, bytes]:
         """The file."""
@@ -68,9 +69,10 @@ class Sdf(OtherModel):
         """Links that no moving joint carries, with the joint that holds them, and frames."""
         for name, thing in self.things.items():
             holder = self.holders.get(name) if thing.element.tag == "link" else None
-            if thing.element.tag in ("link", "frame") and (holder is None or holder.name not in self.joints):
+            if thing.element.tag in ("link", "frame") and (holder is None or self.called(holder.name) not in self.joints):
                 above = tuple(joint for joint in self._moved_by(thing.link) if joint)
-                yield Placed(thing.element, (name, *([holder.name] if holder is not None else [])), above, self.at_zero(name))
+                names = [name, *([holder.name] if holder is not None else [])]
+                yield Placed(thing.element, (*map(self.called, names), *names), above, self.at_zero(name))
 
     def edits(self, follows: Mapping[str, SE3], named: Mapping[Element, SE3]) -> list[Edit]:
         """Numbers that move everything."""
@@ -80,7 +82,7 @@ class Sdf(OtherModel):
                 return named[element]
             while name:
                 holder = self.holders.get(name)
-                own = follows.get(holder.name) if holder is not None else None
+                own = follows.get(self.called(holder.name)) if holder is not None else None
                 own = named.get(self.by_name[name]) if own is None else own
                 if own is not None:
                     return own
@@ -94,9 +96,9 @@ class Sdf(OtherModel):
             new = after[thing.frame].actInv(motion(thing.link, thing.element) * self.at_zero(thing.frame) * thing.placement)
             edits += self._place(thing, new)
         for joint in self.model.all("joint"):
-            for axis in joint.all("axis") if joint.name in self.joints else ():
+            for axis in joint.all("axis") if self.called(joint.name) in self.joints else ():
                 expressed = self._expressed_in(joint, axis)
-                turned = motion(self.things[joint.name].link).rotation @ self.joints[joint.name].axis.direction
+                turned = motion(self.things[joint.name].link).rotation @ self.joints[self.called(joint.name)].axis.direction
                 edits += self._direct(axis, after[expressed].rotation.T @ turned, self._direction(axis))
         return edits
 
@@ -149,7 +151,7 @@ class Sdf(OtherModel):
         while (holder := self.holders.get(link)) is not None and link not in seen:
             seen.add(link)
             kind = holder.attributes.get("type", "")
-            found += [] if kind == "fixed" else [holder.name if kind in _MOVING else ""]
+            found += [] if kind == "fixed" else [self.called(holder.name) if kind in _MOVING else ""]
             link = self._link(_said(holder, "parent"), holder)
         return tuple(found[::-1])
 
@@ -161,7 +163,7 @@ class Sdf(OtherModel):
         direction = self.at_zero(self._expressed_in(joint, axis)).rotation @ self._direction(axis)
         slides = joint.attributes.get("type") == "prismatic"
         return MovingJoint(
-            joint.name,
+            self.called(joint.name),
             Axis(np.array(own.translation), np.asarray(direction), slides),
             self.at_zero(child),
             joint,
