@@ -117,7 +117,7 @@ def _said(found: Patched, model: Path, seen: object, force: bool) -> list[str]:
     if others := found.other_frames:
         worst = max(others, key=lambda link: max(others[link]))
         lines.append(
-            f"{model}: {', '.join(others)} have other frames than in the URDF (at zero, {worst} by {others[worst][0]:.3g} mm and "
+            f"{model}: it has other frames of {', '.join(others)} than the URDF (at zero, {worst} by {others[worst][0]:.3g} mm and "
             f"{others[worst][1]:.3g} mrad), so that axes are all that was compared: zeros of the first and of the last joint may differ"
         )
     if found.kind == "mjcf" and seen is None:
