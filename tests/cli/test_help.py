@@ -121,8 +121,8 @@ NOT_UNDERSTOOD = {
     "fit a.urdf": "Missing argument 'MEASUREMENTS'; urdfcal fit --help says what it takes",
     "dh a.urdf --tip": "Option '--tip' requires an argument; urdfcal dh --help says what it takes",
     "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
-    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'xarm', "
-    "'franka', 'flexiv', 'tesseract'; did you mean 'ur'?",
+    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'rising', "
+    "'xarm', 'franka', 'flexiv', 'tesseract'; did you mean 'ur'?",
 }
 
 

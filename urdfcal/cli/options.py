@@ -54,6 +54,7 @@ class FormatName(StrEnum):
     ORIGINS_YAML = "origins-yaml"
     UR = "ur"
     OFFSETS = "offsets"
+    RISING = "rising"
     XARM = "xarm"
     FRANKA = "franka"
     FLEXIV = "flexiv"
@@ -197,9 +198,10 @@ Formats = Annotated[
     list[FormatName] | None,
     typer.Option(
         "--format",
-        help="What to write: origins-yaml has x y z roll pitch yaw of every joint, ur is the kinematics file of the UR driver, "
-        "offsets has joint offsets alone, xarm, franka, flexiv and tesseract are what these read; repeatable, all go beside the first. "
-        "Default: urdf.",
+        metavar="FORMAT",
+        help="What to write: urdf; origins-yaml, x y z roll pitch yaw of every joint; offsets, joint offsets alone; rising, a URDF with zeros "
+        "in <calibration rising>; or a kinematics file as ur, xarm, franka, flexiv or tesseract reads it. Repeatable, all go beside the "
+        "first. Default: urdf.",
         show_default=False,
     ),
 ]

@@ -11,6 +11,7 @@ ENDINGS = {
     "origins-yaml": "_origins.yaml",
     "ur": "_kinematics.yaml",
     "offsets": "_offsets.yaml",
+    "rising": "_rising.urdf",
     "xarm": "_xarm_kinematics.yaml",
     "franka": "_franka_kinematics.yaml",
     "flexiv": "_flexiv_kinematics.yaml",

@@ -16,10 +16,12 @@ from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_
 from urdfcal.output.endings import ENDINGS, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
+from urdfcal.output.rising import rising_urdf
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
+_URDFS = ("urdf", "rising")
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _FOREIGN = {"urdf": (*YAML_ENDINGS, *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
@@ -96,9 +98,9 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
 
 def _meant(wanted: Sequence[str], output: Path) -> str:
     own = [name for name in wanted if output.name.endswith(ENDINGS[name])]
-    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name == "urdf" else "yaml"]]
+    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name in _URDFS else "yaml"]]
     if not alike:
-        kind = "a URDF" if wanted[0] == "urdf" else "YAML"
+        kind = "a URDF" if wanted[0] in _URDFS else "YAML"
         raise UsageError(f"{output}: --format {wanted[0]} writes {kind}, expected a name that does not end in {output.suffix}")
     return (own or alike)[0]
 
@@ -146,6 +148,8 @@ class Deployed:
             return ur_yaml(self.robot, self.origins, kinematics_hash)
         if name == "offsets":
             return offsets_yaml(self.robot, self.origins, self.loss)
+        if name == "rising":
+            return rising_urdf(self.robot, self.origins)
         if name in MAKERS:
             return maker_yaml(name, self.robot, self.origins)
         if name == "tesseract":

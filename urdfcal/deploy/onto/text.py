@@ -127,9 +127,12 @@ class Document:
 
     def with_child(self, element: Element, tag: str, values: Vector) -> list[Edit]:
         """Edits that put a new element with numbers before all others of an element."""
+        return self.with_new(element, f"<{tag}>{_ascii(values).decode()}</{tag}>")
+
+    def with_new(self, element: Element, new: str) -> list[Edit]:
+        """Edits that put something new before all others of an element, on a line of its own where these stand on theirs."""
         blank = _BLANK.match(self.text, element.end)
-        new = b"%s<%s>%s</%s>" % (blank[0] if blank else b"", tag.encode(), _ascii(values), tag.encode())
-        return [Edit(self.path, element.end, element.end, new)]
+        return [Edit(self.path, element.end, element.end, (blank[0] if blank else b"") + new.encode())]
 
     def _edit(self, element: Element, start: int, end: int, new: bytes) -> Edit:
         return Edit(self.path, element.start + start, element.start + end, new)
