@@ -198,10 +198,10 @@ Formats = Annotated[
     list[FormatName] | None,
     typer.Option(
         "--format",
-        metavar="FORMAT",
-        help="What to write: urdf; origins-yaml, x y z roll pitch yaw of every joint; offsets, joint offsets alone; rising, a URDF with zeros "
-        "in <calibration rising>; or a kinematics file as ur, xarm, franka, flexiv or tesseract reads it. Repeatable, all go beside the "
-        "first. Default: urdf.",
+        metavar="|".join(FormatName),
+        help="What to write: origins-yaml has x y z roll pitch yaw of every joint, offsets has joint offsets alone, rising is a URDF with "
+        "zeros in <calibration rising>, ur, xarm, franka, flexiv and tesseract are kinematics files as these read them; repeatable, all "
+        "go beside the first. Default: urdf.",
         show_default=False,
     ),
 ]
