@@ -109,6 +109,11 @@ def _in_mujoco(found: Patched, seed: int) -> tuple[tuple[float, float], tuple[fl
     return before, after
 
 
+def _told(value: float) -> str:
+    """A distance or an angle, without the dust of rounding."""
+    return "0" if value < 1e-6 else f"{value:.3g}"
+
+
 def _said(found: Patched, model: Path, seen: object, force: bool) -> list[str]:
     mm, mrad = found.nominal_off
     lines = [f"{model}: nothing in it is named after what {', '.join(found.lost)} holds, so that part is not in it"] if found.lost else []
@@ -117,13 +122,13 @@ def _said(found: Patched, model: Path, seen: object, force: bool) -> list[str]:
     if others := found.other_frames:
         worst = max(others, key=lambda link: max(others[link]))
         lines.append(
-            f"{model}: it has other frames of {', '.join(others)} than the URDF (at zero, {worst} by {others[worst][0]:.3g} mm and "
-            f"{others[worst][1]:.3g} mrad), so that axes are all that was compared: zeros of the first and of the last joint may differ"
+            f"{model}: it has other frames of {', '.join(others)} than the URDF (at zero, {worst} by {_told(others[worst][0])} mm and "
+            f"{_told(others[worst][1])} mrad), so that axes are all that was compared: zeros of the first and of the last joint may differ"
         )
     if found.kind == "mjcf" and seen is None:
         lines.append("not checked by MuJoCo's own kinematics, which is not installed: pip install 'urdfcal[mujoco]'")
     if force and found.before.first:
         lines.append(
-            f"{model}: its joints are up to {mm:.3g} mm and {mrad:.3g} mrad from the nominal robot's, and stay so; the correction is on top"
+            f"{model}: its joints are up to {_told(mm)} mm and {_told(mrad)} mrad from the robot's, and stay so: the correction is on top"
         )
     return lines

@@ -186,7 +186,7 @@ def _require_nominal(model: OtherModel, zero: AtZero, names: list[str], fit: Fit
         raise RobotError("is calibrated already: its joints are where the calibration has them", path)
     if fit.first is None or force:
         return
-    mm, mrad = fit.off[fit.first]
+    mm, mrad = (round(gap, 6) for gap in fit.off[fit.first])
     raise model.joints[fit.first].element.fail(
         f"joint '{fit.first}': its axis is {mm:.4g} mm and {mrad:.4g} mrad from where {zero.robot.description.label} has it, all joints at "
         f"zero, where at most {LEAST_MM:g} mm and {LEAST_MRAD:g} mrad pass for rounding; expected a model of the same nominal robot, with "
