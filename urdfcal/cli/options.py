@@ -55,6 +55,7 @@ class FormatName(StrEnum):
     UR = "ur"
     OFFSETS = "offsets"
     RISING = "rising"
+    ROS2_CONTROL = "ros2-control"
     XARM = "xarm"
     FRANKA = "franka"
     FLEXIV = "flexiv"
@@ -198,10 +199,10 @@ Formats = Annotated[
     list[FormatName] | None,
     typer.Option(
         "--format",
-        metavar="|".join(FormatName),
-        help="What to write: origins-yaml has x y z roll pitch yaw of every joint, offsets has joint offsets alone, rising is a URDF with "
-        "zeros in <calibration rising>, ur, xarm, franka, flexiv and tesseract are kinematics files as these read them; repeatable, all "
-        "go beside the first. Default: urdf.",
+        metavar="FORMAT",
+        help=f"What to write, of {', '.join(FormatName)}. origins-yaml has x y z roll pitch yaw of every joint, offsets has joint offsets "
+        "alone; rising and ros2-control are URDFs with the zeros in <calibration rising>, or in a transmission's <offset>; ur, xarm, "
+        "franka, flexiv and tesseract are kinematics files as these read them. Repeatable, all go beside the first. Default: urdf.",
         show_default=False,
     ),
 ]

@@ -12,6 +12,7 @@ ENDINGS = {
     "ur": "_kinematics.yaml",
     "offsets": "_offsets.yaml",
     "rising": "_rising.urdf",
+    "ros2-control": "_ros2_control.urdf",
     "xarm": "_xarm_kinematics.yaml",
     "franka": "_franka_kinematics.yaml",
     "flexiv": "_flexiv_kinematics.yaml",

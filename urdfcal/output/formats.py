@@ -16,12 +16,12 @@ from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_
 from urdfcal.output.endings import ENDINGS, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
-from urdfcal.output.rising import rising_urdf
 from urdfcal.output.ur_file import UrFile, read_ur_file
+from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
-_URDFS = ("urdf", "rising")
+_URDFS = ("urdf", *ASIDE)
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _FOREIGN = {"urdf": (*YAML_ENDINGS, *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
@@ -62,6 +62,8 @@ class Deployment:
         names = tuple(calibrated)
         if "ur" in self.places:
             ur_joints(robot, names)
+        for name in ASIDE.keys() & self.places.keys():
+            require_places_aside(name, robot, names)
         for name in MAKERS.keys() & self.places.keys():
             MAKERS[name].joints(robot, names, name)
         if self.ur_file is not None:
@@ -148,8 +150,8 @@ class Deployed:
             return ur_yaml(self.robot, self.origins, kinematics_hash)
         if name == "offsets":
             return offsets_yaml(self.robot, self.origins, self.loss)
-        if name == "rising":
-            return rising_urdf(self.robot, self.origins)
+        if name in ASIDE:
+            return zeros_aside_urdf(name, self.robot, self.origins)
         if name in MAKERS:
             return maker_yaml(name, self.robot, self.origins)
         if name == "tesseract":
