@@ -99,10 +99,10 @@ def test_choices_are_those_that_there_are(run_cli: Run) -> None:
         options.Addition: ADDITIONS,
         options.Beside: EXTRAS,
     }
-    out = run_cli("fit", "--help").out
+    out = " ".join(run_cli("fit", "--help").out.split())
     for kind, names in kinds.items():
         assert tuple(kind) == tuple(names)
-        assert "|".join(names) in out
+        assert "|".join(names) in out or f"of {', '.join(names)}." in out  # those that one line cannot hold
 
 
 def test_a_choice_that_there_is_not_is_refused_with_those_that_there_are(run_cli: Run) -> None:
@@ -121,7 +121,8 @@ NOT_UNDERSTOOD = {
     "fit a.urdf": "Missing argument 'MEASUREMENTS'; urdfcal fit --help says what it takes",
     "dh a.urdf --tip": "Option '--tip' requires an argument; urdfcal dh --help says what it takes",
     "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
-    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets'; did you mean 'ur'?",
+    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'rising', "
+    "'ros2-control', 'xarm', 'franka', 'flexiv', 'tesseract'; did you mean 'ur'?",
 }
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from tests.conftest import CliResult
 from tests.output.test_formats import UR_ORIGINS, ur_text
 from tests.support.meshes import OBJ, STL, TRIANGLE, collada
+from tests.support.other_models import MJCF, SDF
 from tests.support.small_robot import URDF, XACRO
 from urdfcal.output.driver_yaml import ur_yaml
 from urdfcal.robot.robot import load_robot
@@ -40,6 +41,7 @@ SHOWN = "".join(f'<visual><geometry><mesh filename="part.{ending}"/></geometry><
 UR = f'<robot name="ur"><link name="base_link"/>{ur_text("")}</robot>'
 TARGETS = "turn,lift,slide [mm],note\n0.1,0.2,100,a\n-0.3,0.1,50,b\n"
 DH = "joint,d_a [mm],d_alpha,d_theta [deg]\nturn,0.5,1e-3,0.02\nlift,-0.1,2e-3,0.1\n"
+TESSERACT = "calibration: {joints: {lift: {position: {x: 0.301, y: 0, z: 0}, orientation: {r: 0.1, p: 0, y: 0}}}}\n"
 SCRIPT = "def p():\n  q = [0.1, 0.2, 0.05]\n  movej(q)\n  movej([-0.2,0.3,0.1], a=1)\nend\n"
 KRL = "PTP {A1 10.0,A2 5,A3 0.5}\nDECL E6AXIS XP1={A1 -3.0,A2 2.0,A3 0.25}\n"
 TEXTS = {
@@ -50,6 +52,9 @@ TEXTS = {
     "prior.yaml": "urdfcal: prior\nrobots: 5\njoint: {translation_mm: 1.5, rotation_deg: 0.1, zero_deg: 0.2}\n",
     "p.script": SCRIPT,
     "p.src": KRL,
+    "model.xml": MJCF,
+    "tesseract.yaml": TESSERACT,
+    "model.sdf": SDF,
     "small.xacro": XACRO,
     "shown.urdf": URDF.replace('<link name="upper"/>', f'<link name="upper">{SHOWN}</link>'),
     "ur.urdf": UR,
@@ -111,11 +116,13 @@ COMMANDS = {
     ),
     "fleet.csv": ("fleet fleet.csv -o fleet --workers 1 --fit --no-sag",),
     "prior.yaml": ("fit small.urdf m.csv -o out.urdf --overwrite --prior-from prior.yaml",),
+    "tesseract.yaml": ("import small.urdf tesseract.yaml -o out.yaml --overwrite",),
     "dh.csv": ("import small.urdf dh.csv --convention modified --tip tool -o out.yaml --overwrite",),
     **{
         name: (f"correct small.urdf {name} --calibration c.yaml -o out.{name.rpartition('.')[2]} --overwrite --tool tool",)
         for name in ("targets.csv", "p.script", "p.src")
     },
+    **{name: (f"apply small.urdf c.yaml --onto {name} -o out.{name[-3:]} --overwrite --json",) for name in ("model.xml", "model.sdf")},
     "ur.yaml": ("apply ur.urdf urc.yaml --format ur --ur-hash-from ur.yaml -o out.yaml --overwrite",),
     "errors.yaml": ("simulate small.urdf -o out.csv --overwrite --poses 5 --errors errors.yaml",),
     "camera.yaml": (

@@ -7,8 +7,10 @@ from typing import Annotated
 
 import typer
 
+from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, expanded_note, lacking, listed, load, stored_calibration
+from urdfcal.cli.onto_other import put_onto
 from urdfcal.cli.options import (
     Formats,
     Json,
@@ -45,6 +47,15 @@ def apply(
         ),
     ],
     output_format: Formats = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Another model of the same robot, MJCF or SDF: it is written with the calibration in it, in place of a URDF. Joints are "
+            "matched by name.",
+            show_default=False,
+        ),
+    ] = None,
     ur_hash_from: UrHash = None,
     force: Annotated[
         bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
@@ -72,6 +83,23 @@ def apply(
     arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
+    if onto is not None:
+        if output_format or ur_hash_from:
+            raise UsageError(f"--onto {onto}: writes that model alone; leave --format and --ur-hash-from out")
+        put_onto(
+            onto,
+            arm,
+            output,
+            (robot, calibration),
+            lambda: stored_calibration(calibration).origins_for(arm, force),
+            force=force,
+            overwrite=overwrite,
+            seed=seed,
+            as_json=as_json,
+            quiet=quiet,
+            verbose=verbose,
+        )
+        return
     plan = planned_formats(chosen(output_format), output, arm.description.stem, ur_hash_from)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
     stored = stored_calibration(calibration)

@@ -9,9 +9,9 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import Working, show, warn
-from urdfcal.cli.inputs import load, stored_calibration
+from urdfcal.cli.inputs import listed, load, stored_calibration
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
-from urdfcal.cli.places import deliver, named, require_no_json, require_places, stated_place, told
+from urdfcal.cli.places import deliver, named, page_place, require_no_json, require_places, stated_file, stated_place, told
 
 if TYPE_CHECKING:
     from urdfcal.deploy.false_targets import Placements
@@ -69,6 +69,15 @@ def correct(
             show_default=False,
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="HTML",
+            parser=stated_file,
+            help="Also write a page with before and after over the program, as a page.",
+            show_default=False,
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     xacro_arg: XacroArgs = None,
     xacro_limit: XacroLimits = None,
@@ -89,6 +98,8 @@ def correct(
     require_no_json(as_json, output)
     place = named(output, f"{targets.stem}_corrected{targets.suffix}")
     require_places(place, inputs=(robot, targets, calibration, compensation))
+    made_of = inputs_sha256((robot, targets, calibration, compensation))
+    page = page_place(report, f"{targets.stem}_corrected.html", (robot, targets, calibration, compensation), made_of, overwrite, place)
     arm = load(robot, xacro_arg, package_dir, xacro_limit=xacro_limit, quiet=quiet)
     stored = stored_calibration(calibration)
     real = account_of(stored, arm)
@@ -103,14 +114,19 @@ def correct(
     content = file.with_numbers([each.values for each in found])
     if not overwrite:
         require_same({place: content})
-    deliver({place: content})
+    files: dict[str | Path, bytes] = {place: content}
+    if page is not None:
+        from urdfcal.output.report.targets_page import targets_page
+
+        sources = {"robot": robot, "targets": targets, "calibration": calibration, "compensation": compensation}
+        files[page] = targets_page(found, nominal, targets, file.said, sources.items(), made_of)
+    deliver(files)
     warn(file.said, quiet)
     warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
     machine = None
     if as_json:
-        made_of = inputs_sha256((robot, targets, calibration, compensation))
-        machine = targets_json(found) | {"file": str(place), "made_of": made_of}
-    show(machine, [*target_blocks(found, nominal), "", f"wrote {told([place])[0]}"])
+        machine = targets_json(found) | {"file": str(place), "made_of": made_of} | ({"report": str(page)} if page else {})
+    show(machine, [*target_blocks(found, nominal), "", f"wrote {listed(told(files))}"])
 
 
 def _placements(nominal: Way, real: Robot, compensation: Path | None, package_dirs: list[Path] | None) -> Placements:

@@ -38,8 +38,8 @@ def import_(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="A kinematics file of the UR driver, origins as --format origins-yaml writes them, another URDF of the robot, or a CSV "
-            "of D-H errors: joint and some of d_a, d_d, d_alpha, d_theta.",
+            help="A kinematics file of UR, xArm, Franka or Flexiv, a tesseract calibration, origins as --format origins-yaml writes "
+            "them, another URDF of the robot, or a CSV of D-H errors: joint and some of d_a, d_d, d_alpha, d_theta.",
             show_default=False,
         ),
     ],

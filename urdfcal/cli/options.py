@@ -54,6 +54,12 @@ class FormatName(StrEnum):
     ORIGINS_YAML = "origins-yaml"
     UR = "ur"
     OFFSETS = "offsets"
+    RISING = "rising"
+    ROS2_CONTROL = "ros2-control"
+    XARM = "xarm"
+    FRANKA = "franka"
+    FLEXIV = "flexiv"
+    TESSERACT = "tesseract"
 
 
 class Addition(StrEnum):
@@ -193,8 +199,10 @@ Formats = Annotated[
     list[FormatName] | None,
     typer.Option(
         "--format",
-        help="What to write: origins-yaml has x y z roll pitch yaw of every joint, ur is the kinematics file of the UR driver, "
-        "offsets has joint offsets alone; repeatable, all go beside the first. Default: urdf.",
+        metavar="FORMAT",
+        help=f"What to write, of {', '.join(FormatName)}. origins-yaml has x y z roll pitch yaw of every joint, offsets has joint offsets "
+        "alone; rising and ros2-control are URDFs with the zeros in <calibration rising>, or in a transmission's <offset>; ur, xarm, "
+        "franka, flexiv and tesseract are kinematics files as these read them. Repeatable, all go beside the first. Default: urdf.",
         show_default=False,
     ),
 ]

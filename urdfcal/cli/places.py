@@ -104,6 +104,35 @@ def require_ending(option: str, place: Path, endings: tuple[str, ...], what: str
         raise UsageError(f"{option} {place}: {what} ends in {known}, found '{place.suffix}'")
 
 
+def page_place(
+    report: Path | None, default: str, inputs: Iterable[Path | None], made_of: str, overwrite: bool, *beside: Path
+) -> Path | None:
+    """Where a page is to be written, refused before any work is done; None where none is asked for.
+
+    Args:
+        report: As the option states it.
+        default: Its name where a folder is stated.
+        inputs: Files that this command reads.
+        made_of: Their hash, which stands in an earlier page of the same.
+        overwrite: Whether another file may give way.
+        beside: Other outputs of the command.
+
+    Raises:
+        UsageError: it cannot be written there, is called something else than a page, or would replace something else.
+    """
+    from urdfcal.output.replaced import require_marked
+    from urdfcal.output.report.plain import page_mark
+
+    if report is None:
+        return None
+    place = named(report, default)
+    require_ending("--report", place, (".html", ".htm"), "a page")
+    require_places(place, *beside, inputs=inputs)
+    if not overwrite:
+        require_marked(place, (page_mark(made_of),), "page that was made of the same files")
+    return place
+
+
 def _to_stdout(content: bytes) -> None:
     with open(1, "wb", closefd=False) as stream:
         stream.write(content)

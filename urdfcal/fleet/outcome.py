@@ -60,7 +60,7 @@ class Outcome:
     def noise_known(self) -> bool:
         """Whether how far off readings are was stated, or told by enough of them: else it comes out too small, and the data too sure."""
         stated = abs(self.result.get("chi_squared_per_degree_of_freedom", 1.0) - 1) > _OF_ESTIMATED
-        return stated or self.result.get("poses", {}).get("count", 0) >= LEAST_POSES
+        return bool(stated or self.result.get("poses", {}).get("count", 0) >= LEAST_POSES)
 
     @property
     def likelihood(self) -> Likelihood | None:

@@ -35,7 +35,7 @@ def origins_yaml(robot: Robot, origins: Mapping[str, SE3]) -> bytes:
         origins: Corrected placement by joint name; other joints keep theirs.
     """
     joints = robot.tree.joints
-    entries = {name: _entry(origins.get(name, joint.origin)) for name, joint in joints.items() if joint.moves or name in origins}
+    entries = {name: origin_entry(origins.get(name, joint.origin)) for name, joint in joints.items() if joint.moves or name in origins}
     comment = "Origins of joints in their parent links, corrected by urdfcal: x y z in m, roll pitch yaw in rad, as in URDF's <origin>."
     return yaml_text([comment], {"robot": robot.name, "joints": entries})
 
@@ -55,7 +55,7 @@ def ur_yaml(robot: Robot, origins: Mapping[str, SE3], kinematics_hash: str | Non
         RobotError: the robot does not have the six joints.
     """
     joints = ur_joints(robot, origins)
-    content: dict[str, Any] = {section: _entry(origins.get(joint.name, joint.origin)) for section, joint in joints.items()}
+    content: dict[str, Any] = {section: origin_entry(origins.get(joint.name, joint.origin)) for section, joint in joints.items()}
     comments = ["Kinematics of a UR robot, corrected by urdfcal: x y z in m, roll pitch yaw in rad."]
     if kinematics_hash is None:
         comments.append("ur_description also asks for kinematics: hash, from the file that ur_calibration extracts from this very robot.")
@@ -114,6 +114,7 @@ def yaml_text(comments: Iterable[str], content: Mapping[str, Any]) -> bytes:
     return ("".join(f"# {comment}\n" for comment in comments) + text).encode()
 
 
-def _entry(origin: SE3) -> dict[str, float]:
+def origin_entry(origin: SE3) -> dict[str, float]:
+    """An origin by the names that such files have."""
     values = np.concatenate(xyz_rpy(origin))
     return dict(zip(_NAMES, np.where(np.abs(values) < _DUST, 0.0, values).tolist(), strict=True))

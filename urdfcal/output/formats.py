@@ -15,10 +15,13 @@ from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
 from urdfcal.output.endings import ENDINGS, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
+from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
 from urdfcal.output.ur_file import UrFile, read_ur_file
+from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
+_URDFS = ("urdf", *ASIDE)
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _FOREIGN = {"urdf": (*YAML_ENDINGS, *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
 
@@ -59,6 +62,10 @@ class Deployment:
         names = tuple(calibrated)
         if "ur" in self.places:
             ur_joints(robot, names)
+        for name in ASIDE.keys() & self.places.keys():
+            require_places_aside(name, robot, names)
+        for name in MAKERS.keys() & self.places.keys():
+            MAKERS[name].joints(robot, names, name)
         if self.ur_file is not None:
             self.ur_file.require_model_of(robot, names)
 
@@ -93,9 +100,9 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
 
 def _meant(wanted: Sequence[str], output: Path) -> str:
     own = [name for name in wanted if output.name.endswith(ENDINGS[name])]
-    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name == "urdf" else "yaml"]]
+    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name in _URDFS else "yaml"]]
     if not alike:
-        kind = "a URDF" if wanted[0] == "urdf" else "YAML"
+        kind = "a URDF" if wanted[0] in _URDFS else "YAML"
         raise UsageError(f"{output}: --format {wanted[0]} writes {kind}, expected a name that does not end in {output.suffix}")
     return (own or alike)[0]
 
@@ -143,10 +150,17 @@ class Deployed:
             return ur_yaml(self.robot, self.origins, kinematics_hash)
         if name == "offsets":
             return offsets_yaml(self.robot, self.origins, self.loss)
+        if name in ASIDE:
+            return zeros_aside_urdf(name, self.robot, self.origins)
+        if name in MAKERS:
+            return maker_yaml(name, self.robot, self.origins)
+        if name == "tesseract":
+            return tesseract_yaml(self.origins)
         raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
 
     def warnings(self, plan: Deployment) -> tuple[str, ...]:
         """What keeps a format from carrying the whole calibration."""
         ur = ur_warnings(self.robot, self.origins) if "ur" in plan.places else ()
         whose = plan.ur_file.warnings(self.robot, self.origins) if plan.ur_file is not None else ()
-        return (*ur, *whose, *(self.loss.warnings if "offsets" in plan.places else ()))
+        makers = (line for name in plan.places if name in MAKERS for line in maker_warnings(name, self.robot, self.origins))
+        return (*ur, *whose, *makers, *(self.loss.warnings if "offsets" in plan.places else ()))

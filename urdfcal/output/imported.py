@@ -1,7 +1,8 @@
 """A robot's geometry as somebody else found it, brought in: corrections of the joints of a description.
 
-The file may be a kinematics file of Universal Robots' driver, origins as `--format origins-yaml` writes them, another URDF of the robot,
-or D-H errors as a table. Errors of a D-H table go with the axes that `urdfcal dh` prints, in one of three conventions:
+The file may be a kinematics file of Universal Robots' driver or of another maker's description, origins as `--format origins-yaml`
+writes them, another URDF of the robot, or D-H errors as a table. Errors of a D-H table go with the axes that `urdfcal dh` prints, in one
+of three conventions:
 
     paper      T_i = Trans(x, a) Trans(z, d) Rot(x, alpha) Rot(z, theta), equation (2): d lies along the axis before the joint
     modified   T_i = Rot(x, alpha) Trans(x, a) Rot(z, theta) Trans(z, d), Craig's: d lies along the joint's own axis
@@ -25,6 +26,7 @@ from urdfcal.model.dh import DhRow, dh_table
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.parameters import FLAT, PriorScale
 from urdfcal.output.driver_yaml import other_frames, ur_joints
+from urdfcal.output.makers_yaml import read_maker_origins
 from urdfcal.output.ur_file import read_ur_file
 from urdfcal.robot.corrections import OriginCorrection, same_origin
 from urdfcal.robot.rig import SIX, Instruments, Target
@@ -42,7 +44,8 @@ def read_origins(path: Path, robot: Robot) -> dict[str, SE3]:
     """Origins by joint name out of a YAML file of another's.
 
     Args:
-        path: A kinematics file of Universal Robots' driver, or origins by joint as urdfcal writes them.
+        path: A kinematics file of Universal Robots' driver, of xArm, Franka or Flexiv, a tesseract calibration, or origins by joint as
+            urdfcal writes them.
         robot: Whose they are to be.
 
     Raises:
@@ -51,13 +54,17 @@ def read_origins(path: Path, robot: Robot) -> dict[str, SE3]:
     """
     file = read_yaml(path, InputError)
     content = file.content if isinstance(file.content, dict) else {}
+    if (found := read_maker_origins(file, robot)) is not None:
+        return found
     if "kinematics" in content:
         return _ur_origins(path, robot)
     if "urdfcal" in content:
         raise InputError("is a calibration of urdfcal's own already; apply, compare and fit --after take it as it is", path)
     if isinstance(content.get("joints"), dict):
         return {str(name): _origin(file, str(name), robot) for name in content["joints"]}
-    raise InputError("has neither an entry 'kinematics', as the UR driver's files have, nor 'joints' with x y z roll pitch yaw", path)
+    raise InputError(
+        "is no kinematics file of UR, xArm, Franka or Flexiv, no tesseract calibration, and has no 'joints' with x y z roll pitch yaw", path
+    )
 
 
 def _ur_origins(path: Path, robot: Robot) -> dict[str, SE3]:

@@ -134,7 +134,9 @@ def offset_loss(robot: Robot, origins: Mapping[str, SE3], rng: np.random.Generat
     """
     joints = robot.tree.joints
     base, tool = _ends(robot, joint_offsets(robot, origins))
-    alone = {name: joints[name].origin * pin.exp6(_screw(joints[name]) * value) for name, value in joint_offsets(robot, origins).items()}
+    alone = {
+        name: joints[name].origin * pin.exp6(joint_screw(joints[name]) * value) for name, value in joint_offsets(robot, origins).items()
+    }
     fixed = {name: origin for name, origin in origins.items() if not joints[name].moves}
     q = random_configurations(robot, rng, count)
     whole, offsets, nominal = (_positions(robot, placed, base, tool, q) for placed in (origins, fixed | alone, fixed))
@@ -158,7 +160,8 @@ def _entry(joint: UrdfJoint, offset: float) -> dict[str, Any]:
     return entry
 
 
-def _screw(joint: UrdfJoint) -> Vector:
+def joint_screw(joint: UrdfJoint) -> Vector:
+    """Along which a joint moves, in its own frame, (6,)."""
     axis = np.array(joint.axis)
     return translation_screw(axis) if joint.prismatic else rotation_screw(axis, np.zeros(3))
 

@@ -101,7 +101,7 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
     xyz, rpy = xyz_rpy(origin)
     if span.origin is None:
         return [_new_origin(text, span.tag, xyz, rpy)]
-    end = _tag_end(text, span.origin)
+    end = tag_end(text, span.origin)
     values_at = {match[1]: match.span(2) for match in _ATTRIBUTE.finditer(text, span.origin, end)}
     old = pose(*(np.array([float(word) for word in span.stated.get(name, "0 0 0").split()]) for name in ("xyz", "rpy")))
     same = {
@@ -123,13 +123,13 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
 
 
 def _new_origin(text: bytes, tag: int, xyz: Vector, rpy: Vector) -> tuple[int, int, bytes]:
-    end = _tag_end(text, tag)
+    end = tag_end(text, tag)
     blank = _BLANK.match(text, end)
     indent = blank[0] if blank else b""
     return end, end, indent + f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'.encode()
 
 
-def _tag_end(text: bytes, start: int) -> int:
+def tag_end(text: bytes, start: int) -> int:
     """Behind the `>` of the tag that starts here; a `>` inside quotes does not count."""
     quote = 0
     for index in range(start, len(text)):

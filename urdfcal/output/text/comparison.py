@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 JOINT_BY_JOINT = "Joint by joint, in the joint's own axes"
 _FIGURES = ("mean", "95 %", "worst")
-_NOT_SAID = "± is one combined standard deviation along the difference, and nothing where nobody estimated it"
+NOT_SAID = "± is one combined standard deviation along the difference, and nothing where nobody estimated it"
 
 
 def comparison_blocks(found: Comparison) -> list[RenderableType]:
@@ -25,7 +25,7 @@ def comparison_blocks(found: Comparison) -> list[RenderableType]:
         finding(found),
         "",
         titled(JOINT_BY_JOINT, _table(*joint_rows(found))),
-        *(["", _NOT_SAID] if found.expected is not None else []),
+        *(["", NOT_SAID] if found.expected is not None else []),
         "",
         titled(at_tool(found), _table(*tool_rows(found))),
         *([] if found.identical else ["", f"Farthest apart at {_where(found)}"]),
@@ -106,6 +106,11 @@ def _table(columns: tuple[str, ...], rows: list[list[str]]) -> Table:
     return table
 
 
+def worst_rows(found: Comparison) -> tuple[tuple[str, str], ...]:
+    """Joints and their positions where the two are farthest apart."""
+    return tuple((name, _position(found, name, value)) for name, value in found.at_tool.worst.items())
+
+
 def _in(value: float | None, unit: float) -> str:
     return "" if value is None else f"{value / unit:.3f}"
 
@@ -125,7 +130,7 @@ def _joint_entry(joint: JointDifference) -> dict[str, Any]:
 
 
 def _where(found: Comparison) -> str:
-    return ", ".join(f"{name} {_position(found, name, value)}" for name, value in found.at_tool.worst.items())
+    return ", ".join(f"{name} {position}" for name, position in worst_rows(found))
 
 
 def _position(found: Comparison, name: str, value: float) -> str:

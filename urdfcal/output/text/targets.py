@@ -17,17 +17,29 @@ if TYPE_CHECKING:
 
 def target_blocks(found: Sequence[Corrected], way: Way) -> list[RenderableType]:
     """How many, and how far off the real tool was and is."""
-    left = sum(bool(each.said) for each in found)
-    whole = "the calibrated robot comes where it was wanted at every one" if not left else f"{left} with reservations, see the warnings"
     table = figures_table("the calibrated robot is off by")
     for heading in ("mean", "worst"):
         table.add_column(f"{heading}\nbefore", justify="right")
     for heading in ("mean", "worst"):
         table.add_column(f"{heading}\nafter", justify="right")
+    for unit, cells in off_figures(found):
+        table.add_row(unit, *cells)
+    return [f"{many(len(found), 'target')} of '{way.tool}' in '{way.base}': {outcome(found)}", "", table]
+
+
+def outcome(found: Sequence[Corrected]) -> str:
+    """Whether all targets came out."""
+    left = sum(bool(each.said) for each in found)
+    return "the calibrated robot comes where it was wanted at every one" if not left else f"{left} with reservations, see the warnings"
+
+
+def off_figures(found: Sequence[Corrected]) -> list[tuple[str, list[str]]]:
+    """How far off the tool was and is, mean and worst of either, in mm and in deg."""
+    rows = []
     for unit in ("mm", "deg"):
         figures = [np.array([getattr(each, f"{when}_{unit}") for each in found]) for when in ("before", "left")]
-        table.add_row(unit, *(f"{value:.3f}" for each in figures for value in (each.mean(), each.max())))
-    return [f"{many(len(found), 'target')} of '{way.tool}' in '{way.base}': {whole}", "", table]
+        rows.append((unit, [f"{value:.3f}" for each in figures for value in (each.mean(), each.max())]))
+    return rows
 
 
 def targets_json(found: Sequence[Corrected]) -> dict[str, Any]:
