@@ -19,7 +19,7 @@ _DUST = 1e-16
 _BLANK = re.compile(rb"[ \t\r\n]*")
 _ENCODING = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)["']""")
 _INDENT = re.compile(rb"\n([ \t]+)<(?:link|joint)\b")
-_ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
+ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -101,8 +101,8 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
     xyz, rpy = xyz_rpy(origin)
     if span.origin is None:
         return [_new_origin(text, span.tag, xyz, rpy)]
-    end = _tag_end(text, span.origin)
-    values_at = {match[1]: match.span(2) for match in _ATTRIBUTE.finditer(text, span.origin, end)}
+    end = tag_end(text, span.origin)
+    values_at = {match[1]: match.span(2) for match in ATTRIBUTE.finditer(text, span.origin, end)}
     old = pose(*(np.array([float(word) for word in span.stated.get(name, "0 0 0").split()]) for name in ("xyz", "rpy")))
     same = {
         "xyz": np.abs(old.translation - origin.translation).max() <= _SAME,
@@ -123,13 +123,13 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
 
 
 def _new_origin(text: bytes, tag: int, xyz: Vector, rpy: Vector) -> tuple[int, int, bytes]:
-    end = _tag_end(text, tag)
+    end = tag_end(text, tag)
     blank = _BLANK.match(text, end)
     indent = blank[0] if blank else b""
     return end, end, indent + f'<origin xyz="{numbers(xyz)}" rpy="{numbers(rpy)}"/>'.encode()
 
 
-def _tag_end(text: bytes, start: int) -> int:
+def tag_end(text: bytes, start: int) -> int:
     """Behind the `>` of the tag that starts here; a `>` inside quotes does not count."""
     quote = 0
     for index in range(start, len(text)):

@@ -1,0 +1,195 @@
+"""Numbers that have no place of their own: an origin that does not state them, or one that several calls of a macro share.
+
+In a shared origin the number gets `+ NAME` behind it; NAME becomes a parameter of the macro, 0 by default, and is given at the call that
+makes the joint; where that call itself is made several times, it hands the parameter on, and so forth up to calls that differ.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from urdfcal.base.errors import RobotError
+from urdfcal.output.sources.numbers import Wanted
+from urdfcal.output.sources.slots import EXPRESSION, LITERAL, Edit, Slot, decimal, words
+from urdfcal.output.sources.tree import SourceTree
+from urdfcal.output.sources.xml_slots import Element, XmlSource
+from urdfcal.robot.urdf_writer import tag_end
+from urdfcal.robot.xacro_probe import TO
+
+_BLANK = re.compile(rb"[ \t\r\n]*")
+_PLAIN = re.compile(r"\$[{(][^})]*[})]")
+_AXES = {"xyz": ("dx", "dy", "dz"), "rpy": ("droll", "dpitch", "dyaw")}
+
+
+@dataclass
+class OwnPlaces:
+    """Edits that give numbers places of their own.
+
+    Attributes:
+        tree: The sources.
+        by: What each number is to change by, [m] or [rad].
+    """
+
+    tree: SourceTree
+    by: Mapping[Wanted, float]
+    _attributes: dict[tuple[int, int], dict[str, str]] = field(default_factory=dict)  # of calls, by source and start
+    _parameters: dict[tuple[int, int], list[str]] = field(default_factory=dict)  # of macros
+    _names: dict[tuple[str, str, int], str] = field(default_factory=dict)
+
+    def shared(self, joint: str) -> bool:
+        """Whether the origin that a joint has, or would be given, is one of other joints, too."""
+        return len(self._joints_of(joint)) > 1
+
+    def edits(self) -> list[Edit]:
+        """All of them.
+
+        Raises:
+            RobotError: a number stands in no word of its own, or nothing tells its joint from another.
+        """
+        places: dict[tuple[str, str], dict[int, str]] = {}
+        for wanted, by in self.by.items():
+            value = decimal(by)
+            if self.shared(wanted.joint):
+                name = self._name(wanted)
+                self._give(wanted, name, value)
+                value = f"${{{name}}}"
+            places.setdefault((self._mark(wanted.joint), wanted.name), {})[wanted.axis] = value
+        found: list[Edit] = []
+        missing: dict[str, dict[str, list[str]]] = {}
+        for (mark, name), values in places.items():
+            source, element = self.tree.element(mark)
+            if name.encode() in source.attributes(element):
+                found += self._added(source, element, name, values)
+            else:
+                missing.setdefault(mark, {})[name] = [values.get(axis, "0") for axis in range(3)]
+        for mark, its in missing.items():
+            found.append(_stated(*self.tree.element(mark), its))
+        return [*found, *self._at_calls(), *self._at_macros()]
+
+    def _mark(self, joint: str) -> str:
+        """Where its origin stands, else the joint itself."""
+        of_joint, of_origin, _ = self.tree.marked.marks[joint]
+        return of_origin or of_joint
+
+    def _joints_of(self, joint: str) -> list[str]:
+        return self._by_mark[self._mark(joint)]
+
+    @cached_property
+    def _by_mark(self) -> dict[str, list[str]]:
+        found: dict[str, list[str]] = {}
+        for joint in self.tree.marked.marks:
+            found.setdefault(self._mark(joint), []).append(joint)
+        return found
+
+    def _calls(self, joint: str) -> list[tuple[str, str]]:
+        """The calls that a joint comes out of, outermost first: where each stands, and where the macro that it calls does."""
+        pairs = (call.partition(TO) for call in self.tree.marked.marks[joint][2].split())
+        return [(call, macro) for call, _, macro in pairs]
+
+    def _name(self, wanted: Wanted) -> str:
+        """A parameter's name that no source mentions, after the joint as its source calls it."""
+        key = (self._mark(wanted.joint), wanted.name, wanted.axis)
+        if key not in self._names:
+            stem = self._stem(wanted.joint)
+            name, more = f"{stem}_{_AXES[wanted.name][wanted.axis]}", 1
+            while name in self._names.values() or any(name.encode() in text for text in self.tree.files.values()):
+                more += 1
+                name = f"{stem}_{_AXES[wanted.name][wanted.axis]}{more}"
+            self._names[key] = name
+        return self._names[key]
+
+    def _stem(self, joint: str) -> str:
+        source, element = self.tree.element(self.tree.marked.marks[joint][0])
+        its = source.attributes(element).get(b"name")
+        stated = source.text[its[0] : its[1]].decode(errors="replace") if its else ""
+        stem = re.sub(r"\W+", "_", _PLAIN.sub("", stated), flags=re.ASCII).strip("_")
+        return stem if stem and not stem[0].isdigit() else f"joint_{stem}".rstrip("_")
+
+    def _give(self, wanted: Wanted, name: str, value: str) -> None:
+        """Hand a value down from the first call that is this joint's alone."""
+        alike = self._joints_of(wanted.joint)
+        calls = self._calls(wanted.joint)
+        for level in range(len(calls) - 1, -1, -1):
+            call, macro = calls[level]
+            parameters = self._parameters.setdefault(_place(macro), [])
+            if name not in parameters:
+                parameters.append(name)
+            alike = [joint for joint in alike if call in [its for its, _ in self._calls(joint)]]
+            own = alike == [wanted.joint]
+            self._attributes.setdefault(_place(call), {})[name] = value if own else f"${{{name}}}"
+            if own:
+                return
+        others = ", ".join(joint for joint in self._joints_of(wanted.joint) if joint != wanted.joint)
+        raise RobotError(
+            f"joint '{wanted.joint}' and {others} come out of the same calls, so that no parameter can tell them apart; "
+            "write a call for each in place of the loop",
+            self.tree.description.path,
+        )
+
+    def _added(self, source: XmlSource, element: Element, name: str, values: Mapping[int, str]) -> list[Edit]:
+        start, end, _ = source.attributes(element)[name.encode()]
+        spans = words(source.text, start, end)
+        by_place = {slot.start: slot for slot in self._slots if slot.file == source.file and (slot.start, slot.end) in spans}
+        slots = [by_place.get(first) for first, _ in spans]
+        behind = {axis: f" + {value.removeprefix('${').removesuffix('}')}".encode() for axis, value in values.items()}
+        if len(slots) == 1 and slots[0] is not None and slots[0].kind == EXPRESSION:
+            return slots[0].taken_apart(behind)
+        edits: list[Edit] = []
+        for axis, added in behind.items():
+            slot = slots[axis] if len(slots) == 3 else None
+            if slot is None:
+                stated = source.text[start:end].decode(errors="replace")
+                raise RobotError(
+                    f'{name}="{stated}": its numbers do not stand there one by one; write it as three words', source.file, element.line
+                )
+            edits += slot.added(added)
+        return edits
+
+    @cached_property
+    def _slots(self) -> list[Slot]:
+        return [slot for slot in self.tree.slots if slot.kind in (LITERAL, EXPRESSION) and slot.rank == 0]
+
+    def _at_calls(self) -> Iterator[Edit]:
+        for place, its in self._attributes.items():
+            source, element = self._element(place)
+            yield _attributes(source, element, "".join(f' {name}="{value}"' for name, value in its.items()))
+
+    def _at_macros(self) -> Iterator[Edit]:
+        for place, names in self._parameters.items():
+            source, element = self._element(place)
+            defaults = " ".join(f"{name}:=0" for name in names)
+            its = source.attributes(element).get(b"params")
+            if its is None:
+                yield _attributes(source, element, f' params="{defaults}"')
+            else:
+                blank = " " if source.text[its[0] : its[1]].strip() else ""
+                yield Edit(source.file, its[0], its[0], f"{defaults}{blank}".encode())
+
+    def _element(self, place: tuple[int, int]) -> tuple[XmlSource, Element]:
+        return self.tree.element(f"{place[0]}.{place[1]}")
+
+
+def _place(mark: str) -> tuple[int, int]:
+    number, start = map(int, mark.split("."))
+    return number, start
+
+
+def _attributes(source: XmlSource, element: Element, added: str) -> Edit:
+    """Attributes behind the last of an element."""
+    end = tag_end(source.text, element.start)
+    place = end - (2 if source.text[end - 2 : end] == b"/>" else 1)
+    place = element.start + len(source.text[element.start : place].rstrip())
+    return Edit(source.file, place, place, added.encode())
+
+
+def _stated(source: XmlSource, element: Element, its: Mapping[str, list[str]]) -> Edit:
+    """What an origin does not state yet; in a joint without one, the origin."""
+    added = "".join(f' {name}="{" ".join(its[name])}"' for name in ("xyz", "rpy") if name in its)
+    if element.tag == "origin":
+        return _attributes(source, element, added)
+    end = tag_end(source.text, element.start)
+    blank = _BLANK.match(source.text, end)
+    return Edit(source.file, end, end, (blank[0] if blank else b"") + f"<origin{added}/>".encode())
