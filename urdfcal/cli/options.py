@@ -54,6 +54,7 @@ class FormatName(StrEnum):
     ORIGINS_YAML = "origins-yaml"
     UR = "ur"
     OFFSETS = "offsets"
+    XACRO = "xacro"
 
 
 class Addition(StrEnum):
@@ -194,7 +195,7 @@ Formats = Annotated[
     typer.Option(
         "--format",
         help="What to write: origins-yaml has x y z roll pitch yaw of every joint, ur is the kinematics file of the UR driver, "
-        "offsets has joint offsets alone; repeatable, all go beside the first. Default: urdf.",
+        "offsets has joint offsets alone, xacro is a patch of your own sources; repeatable, all go beside the first. Default: urdf.",
         show_default=False,
     ),
 ]
@@ -204,6 +205,28 @@ UrHash = Annotated[
         "--ur-hash-from",
         metavar="YAML",
         help="Take the hash of the ur format from this kinematics file of the very robot. Default: none is written.",
+        show_default=False,
+        rich_help_panel=EXPERT,
+    ),
+]
+Split = Annotated[
+    bool,
+    typer.Option(
+        "--split",
+        help="Of the xacro format: a number that feeds several joints becomes a parameter of its macro, for each joint its own.",
+        rich_help_panel=EXPERT,
+    ),
+]
+InPlace = Annotated[
+    bool,
+    typer.Option("--in-place", help="Also change the xacro's sources themselves; each is kept as .orig.", rich_help_panel=EXPERT),
+]
+XacroFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--xacro-folder",
+        metavar="DIR",
+        help="Also write changed copies of the xacro's sources, with all that they read, into a new folder.",
         show_default=False,
         rich_help_panel=EXPERT,
     ),

@@ -6,7 +6,14 @@ from pathlib import Path
 
 from urdfcal.base.files import YAML_ENDINGS
 
-ENDINGS = {"urdf": "_calibrated.urdf", "origins-yaml": "_origins.yaml", "ur": "_kinematics.yaml", "offsets": "_offsets.yaml"}
+ENDINGS = {
+    "urdf": "_calibrated.urdf",
+    "origins-yaml": "_origins.yaml",
+    "ur": "_kinematics.yaml",
+    "offsets": "_offsets.yaml",
+    "xacro": "_xacro.patch",
+}
+PATCHES = (".patch", ".diff")
 
 
 def stem_of(path: Path) -> str:
@@ -14,4 +21,4 @@ def stem_of(path: Path) -> str:
     for ending in ENDINGS.values():
         if path.name.endswith(ending) and path.name != ending:
             return path.name.removesuffix(ending)
-    return path.stem if path.suffix in (".urdf", *YAML_ENDINGS) else path.name
+    return path.stem if path.suffix in (".urdf", *YAML_ENDINGS, *PATCHES) else path.name

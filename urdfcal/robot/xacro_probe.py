@@ -66,7 +66,7 @@ def moved_text(text: str, by: float) -> Any:
 
 
 def _noting(its: Mapping[str, Any]) -> dict[str, Any]:
-    """xacro's functions, which also note the calls on joints; marks are taken off before xacro sees them as parameters."""
+    """Functions of xacro, which also note the calls on joints; marks are taken off before xacro sees them as parameters."""
     calls: list[str] = []
     waiting: list[str] = []
 

@@ -29,11 +29,12 @@ class Layout:
 
     @cached_property
     def root(self) -> Path:
-        """What a patch's ways begin at: the repository that holds the description, if what changed is in it, else what holds all of that."""
+        """What a patch's ways begin at: its repository or package where that has all that changed, else the folder that does."""
         own = [file for file in self.changed if not is_installed(file)]
-        above = [folder for folder in self.description.resolve().parents if (folder / ".git").exists()][:1]
-        if above and all(file.is_relative_to(above[0]) for file in own):
-            return above[0]
+        for sign in (".git", "package.xml"):
+            above = next((folder for folder in self.description.resolve().parents if (folder / sign).exists()), None)
+            if above is not None and all(file.is_relative_to(above) for file in own):
+                return above
         return _common([*own, self.description.resolve()])
 
     @property

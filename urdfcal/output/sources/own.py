@@ -38,6 +38,7 @@ class OwnPlaces:
     _attributes: dict[tuple[int, int], dict[str, str]] = field(default_factory=dict)  # of calls, by source and start
     _parameters: dict[tuple[int, int], list[str]] = field(default_factory=dict)  # of macros
     _names: dict[tuple[str, str, int], str] = field(default_factory=dict)
+    _outer: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)  # of a call and a name: the macro around it, and its name
 
     def shared(self, joint: str) -> bool:
         """Whether the origin that a joint has, or would be given, is one of other joints, too."""
@@ -119,15 +120,27 @@ class OwnPlaces:
                 parameters.append(name)
             alike = [joint for joint in alike if call in [its for its, _ in self._calls(joint)]]
             own = alike == [wanted.joint]
-            self._attributes.setdefault(_place(call), {})[name] = value if own else f"${{{name}}}"
+            outer = "" if own else self._handed_on(call, calls[level - 1][1] if level else "", name)
+            self._attributes.setdefault(_place(call), {})[name] = value if own else f"${{{outer}}}"
             if own:
                 return
+            name = outer
         others = ", ".join(joint for joint in self._joints_of(wanted.joint) if joint != wanted.joint)
         raise RobotError(
             f"joint '{wanted.joint}' and {others} come out of the same calls, so that no parameter can tell them apart; "
             "write a call for each in place of the loop",
             self.tree.description.path,
         )
+
+    def _handed_on(self, call: str, macro: str, name: str) -> str:
+        """What the macro that makes a call names the parameter that it hands on; another for each of its calls."""
+        if (call, name) not in self._outer:
+            taken, outer, more = [its for of, its in self._outer.values() if of == macro], name, 1
+            while outer in taken:
+                more += 1
+                outer = f"{name}_{more}"
+            self._outer[call, name] = (macro, outer)
+        return self._outer[call, name][1]
 
     def _added(self, source: XmlSource, element: Element, name: str, values: Mapping[int, str]) -> list[Edit]:
         start, end, _ = source.attributes(element)[name.encode()]

@@ -53,14 +53,24 @@ class SourcePatch:
         """All changes as a unified diff, which `git apply` takes at `layout.root`; of installed files it adds changed copies."""
         return patch_text(self.before, self.after, self.layout)
 
-    def copies(self, folder: Path) -> dict[Path, bytes]:
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user must know of installed files."""
+        return tuple(
+            f"{file} is installed, and not yours: a changed copy is {self.layout.way(file)}; have your description read that one"
+            for file in self.layout.installed
+        )
+
+    def copies(self, folder: Path) -> dict[str | Path, bytes]:
         """All that the changed description is expanded from, in a folder of its own that `--package-dir` takes."""
-        return {folder / self.layout.way_in_folder(file): self.after.get(file, text) for file, text in self.before.items()} | {
+        found: dict[str | Path, bytes] = {
             folder / self.layout.way_in_folder(file): content_of(file, DESCRIPTION) for file in self.layout.manifests
         }
+        found |= {folder / self.layout.way_in_folder(file): self.after.get(file, text) for file, text in self.before.items()}
+        return found
 
     @property
-    def in_place(self) -> dict[Path, bytes]:
+    def in_place(self) -> dict[str | Path, bytes]:
         """The changed files in their places, and beside each what it was, as `.orig`.
 
         Raises:
@@ -72,7 +82,7 @@ class SourcePatch:
                 "or a copy of the package in your own workspace",
                 self.layout.installed[0],
             )
-        found: dict[Path, bytes] = {}
+        found: dict[str | Path, bytes] = {}
         for file, text in self.after.items():
             found |= {original(file): self.before[file], file: text}
         return found

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -119,7 +120,9 @@ def _pursuit(steps: Matrix, change: Vector) -> dict[int, float] | None:
     """The few steps that make up a change; None where they are not few."""
     lengths = np.linalg.norm(steps, axis=0)
     enough = max(_LEFT * float(np.linalg.norm(change)), _DUST)
-    left, chosen, values = change, list[int](), np.empty(0)
+    left: Any = change
+    values: Any = np.empty(0)
+    chosen: list[int] = []
     while float(np.linalg.norm(left)) > enough:
         if len(chosen) >= (min(_MOST_BEHIND, len(steps) - 4) if len(steps) < steps.shape[1] else len(steps)):
             return None

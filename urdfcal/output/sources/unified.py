@@ -20,7 +20,9 @@ def patch_text(before: Mapping[Path, bytes], after: Mapping[Path, bytes], layout
         layout: Tells their ways.
     """
     found = (_diff(b"" if is_installed(file) else before[file], text, layout.way(file), is_installed(file)) for file, text in after.items())
-    return b"".join(found)
+    way = layout.description.resolve().relative_to(layout.root) if layout.description.resolve().is_relative_to(layout.root) else ""
+    head = f"Calibrated origins of {layout.description.name}, by urdfcal. Apply it with `git apply` or `patch -p1` where {way} lies.\n\n"
+    return b"".join([head.encode("utf-8", "surrogateescape"), *found])
 
 
 def _diff(old: bytes, new: bytes, way: Path, added: bool) -> bytes:

@@ -24,7 +24,7 @@ def wishes(base: Expansion, origins: Mapping[str, SE3]) -> dict[Wanted, float]:
     Raises:
         RobotError: there is no such joint.
     """
-    found = {}
+    found: dict[Wanted, float] = {}
     for joint, origin in origins.items():
         if joint not in base.joints:
             raise RobotError(no_such("joint", joint, base.joints))
