@@ -121,7 +121,7 @@ NOT_UNDERSTOOD = {
     "fit a.urdf": "Missing argument 'MEASUREMENTS'; urdfcal fit --help says what it takes",
     "dh a.urdf --tip": "Option '--tip' requires an argument; urdfcal dh --help says what it takes",
     "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
-    "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets'; did you mean 'ur'?",
+    "apply a.urdf c.yaml -o o --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'xacro'; did you mean 'ur'?",
 }
 
 

@@ -210,6 +210,22 @@ def franka() -> Package:
     )
 
 
+def franka_twice() -> Package:
+    """Two arms of one YAML, whose origins all come out of one macro, called inside the joints; one hangs where a block says."""
+    macro = '  <xacro:macro name="kin" params="name config">\n    <xacro:property name="o" value="${config[name]}"/>\n'
+    macro += '    <origin xyz="${o.x} 0 ${o.z}" rpy="0 0 ${o.yaw}"/>\n  </xacro:macro>\n'
+    macro += '  <xacro:macro name="fr_arm" params="id config *at">\n'
+    macro += joint("${id}_mount", "base", "${id}_0", '<xacro:insert_block name="at"/>')
+    macro += joint("${id}_j1", "${id}_0", "${id}_1", '<xacro:kin name="j1" config="${config}"/>')
+    macro += joint("${id}_j2", "${id}_1", "${id}_2", '<xacro:kin name="j2" config="${config}"/>') + "  </xacro:macro>\n"
+    call = '  <xacro:fr_arm id="{}" config="${{xacro.load_yaml(\'kin.yaml\')}}"><origin xyz="0 {} 0"/></xacro:fr_arm>\n'
+    return _package(
+        macro + BASE + call.format("left", 0.5) + call.format("right", -0.5),
+        shared=True,
+        urdf__kin_DOT_yaml="j1: {x: 0, z: 0.333, yaw: 0}\nj2: {x: 0.1, z: 0, yaw: 0.5}\n",
+    )
+
+
 def calls() -> Package:
     """One macro for all joints, its numbers at the calls: words, rows of words, expressions."""
     macro = '  <xacro:macro name="axis" params="n parent xyz r:=0 y:=\'0\'">\n'
@@ -353,7 +369,7 @@ def one_property() -> Package:
 PACKAGES: dict[str, Callable[[], Package]] = {
     each.__name__: each
     for each in (
-        literals, properties, units, ur, two_arms, two_arms_one_yaml, franka, calls, defaults, twice, nested, conditions, dictionary, loop,
-        blocks, crlf_latin, one_property,
+        literals, properties, units, ur, two_arms, two_arms_one_yaml, franka, franka_twice, calls, defaults, twice, nested, conditions,
+        dictionary, loop, blocks, crlf_latin, one_property,
     )
 }  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any
 
 MOVED, MOVED_TEXT = "urdfcal_moved", "urdfcal_moved_text"  # functions that a traced file calls
 MARK = "urdfcal_at"  # attribute of an element: where it stands in the sources
-CALLS, TO = "urdfcal_calls", ">"  # attribute of a joint: the calls that it comes out of, each as call>macro
+CALLS, TO = "urdfcal_calls", ">"  # attribute of a joint or an origin: the calls that it comes out of, each as call>macro
 
 
 def content_over(overlay: Mapping[str, bytes], filename: str | Path) -> bytes | None:
@@ -24,7 +24,7 @@ def content_over(overlay: Mapping[str, bytes], filename: str | Path) -> bytes | 
 
 @contextlib.contextmanager
 def probing(overlay: Mapping[str, bytes], loaded: dict[Path, None]) -> Iterator[None]:
-    """Let xacro load YAML from the overlay, know our functions, and note on each joint the calls that it comes out of.
+    """Let xacro load YAML from the overlay, know our functions, and note on joints and origins the calls that they come out of.
 
     Args:
         overlay: Content by a file's real path.
@@ -66,12 +66,12 @@ def moved_text(text: str, by: float) -> Any:
 
 
 def _noting(its: Mapping[str, Any]) -> dict[str, Any]:
-    """Functions of xacro, which also note the calls on joints; marks are taken off before xacro sees them as parameters."""
+    """Functions of xacro, which also note the calls; marks are taken off before xacro sees them as parameters."""
     calls: list[str] = []
     waiting: list[str] = []
 
     def eval_all(node: Any, *rest: Any) -> Any:
-        if node.tagName == "joint" and node.getAttribute(MARK):
+        if node.tagName in ("joint", "origin") and node.getAttribute(MARK):
             node.setAttribute(CALLS, " ".join(calls))
         return its["eval_all"](node, *rest)
 

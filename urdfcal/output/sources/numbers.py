@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -32,6 +32,25 @@ class Wanted:
         return f"{_AXES[self.name][self.axis]} of joint '{self.joint}'"
 
 
+class Marks(NamedTuple):
+    """Where a joint and its origin stand in the sources, and the calls that each comes out of; empty where there is none."""
+
+    joint: str
+    joint_calls: str
+    origin: str
+    origin_calls: str
+
+    @property
+    def place(self) -> str:
+        """Where its origin stands, else the joint itself."""
+        return self.origin or self.joint
+
+    @property
+    def calls(self) -> str:
+        """The calls that this comes out of."""
+        return self.origin_calls if self.origin else self.joint_calls
+
+
 @dataclass(frozen=True)
 class Expansion:
     """An expanded document.
@@ -42,7 +61,7 @@ class Expansion:
         owners: What each number belongs to, in words.
         joints: By name, the index of the first of its six.
         stated: Which of `xyz` and `rpy` each joint's origin states as three numbers.
-        marks: Of each joint: where it and its origin stand in the sources, and the calls that it comes out of.
+        marks: Of each joint and of its origin: where it stands in the sources, and the calls that it comes out of.
     """
 
     values: Vector
@@ -50,7 +69,7 @@ class Expansion:
     owners: tuple[str, ...]
     joints: dict[str, int]
     stated: dict[str, frozenset[str]]
-    marks: dict[str, tuple[str, str, str]]
+    marks: dict[str, Marks]
 
     def alike(self, other: Expansion) -> bool:
         """Whether all but the numbers are the same."""
@@ -81,7 +100,7 @@ class _Reader:
         self.owners: list[str] = []
         self.joints: dict[str, int] = {}
         self.stated: dict[str, frozenset[str]] = {}
-        self.marks: dict[str, tuple[str, str, str]] = {}
+        self.marks: dict[str, Marks] = {}
 
     def whole(self, top: Any) -> None:
         name, skipped = top.get("name", ""), None
@@ -95,7 +114,7 @@ class _Reader:
     def joint(self, top: Any, name: str, origin: Any) -> None:
         """Its origin, and where it comes from."""
         its = {} if origin is None else dict(origin.attrib)
-        self.marks[name] = (top.get(MARK, ""), its.pop(MARK, ""), top.get(CALLS, ""))
+        self.marks[name] = Marks(top.get(MARK, ""), top.get(CALLS, ""), its.pop(MARK, ""), its.pop(CALLS, ""))
         self.joints[name] = len(self.values)
         stated = set()
         for which in ("xyz", "rpy"):

@@ -7,7 +7,7 @@ makes the joint; where that call itself is made several times, it hands the para
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -71,9 +71,10 @@ class OwnPlaces:
         return [*found, *self._at_calls(), *self._at_macros()]
 
     def _mark(self, joint: str) -> str:
-        """Where its origin stands, else the joint itself."""
-        of_joint, of_origin, _ = self.tree.marked.marks[joint]
-        return of_origin or of_joint
+        place = self.tree.marked.marks[joint].place
+        if not place:
+            raise RobotError(f"joint '{joint}' is no <joint> in any source, and cannot be calibrated there", self.tree.description.path)
+        return place
 
     def _joints_of(self, joint: str) -> list[str]:
         return self._by_mark[self._mark(joint)]
@@ -81,29 +82,39 @@ class OwnPlaces:
     @cached_property
     def _by_mark(self) -> dict[str, list[str]]:
         found: dict[str, list[str]] = {}
-        for joint in self.tree.marked.marks:
-            found.setdefault(self._mark(joint), []).append(joint)
+        for joint, marks in self.tree.marked.marks.items():
+            found.setdefault(marks.place, []).append(joint)
         return found
 
     def _calls(self, joint: str) -> list[tuple[str, str]]:
-        """The calls that a joint comes out of, outermost first: where each stands, and where the macro that it calls does."""
-        pairs = (call.partition(TO) for call in self.tree.marked.marks[joint][2].split())
-        return [(call, macro) for call, _, macro in pairs]
+        """The calls that an origin comes out of, outermost first, up to the macro that it is written in: place of call and of macro."""
+        its = self.tree.marked.marks[joint]
+        source, element = self.tree.element(its.place)
+        found = [(call, macro) for call, _, macro in (each.partition(TO) for each in its.calls.split())]
+        while found and found[-1][1] != f"{source.number}.{element.macro}":
+            found.pop()  # a block that was handed to a macro is written where that is called
+        return found
 
     def _name(self, wanted: Wanted) -> str:
-        """A parameter's name that no source mentions, after the joint as its source calls it."""
+        """What the parameter of a number is called in the macro that its origin is written in."""
         key = (self._mark(wanted.joint), wanted.name, wanted.axis)
         if key not in self._names:
-            stem = self._stem(wanted.joint)
-            name, more = f"{stem}_{_AXES[wanted.name][wanted.axis]}", 1
-            while name in self._names.values() or any(name.encode() in text for text in self.tree.files.values()):
-                more += 1
-                name = f"{stem}_{_AXES[wanted.name][wanted.axis]}{more}"
-            self._names[key] = name
+            written_as = {self.tree.marked.marks[joint].joint for joint in self._joints_of(wanted.joint)}
+            stem = self._stem(wanted.joint) if len(written_as) == 1 else "origin"
+            self._names[key] = self._unused(f"{stem}_{_AXES[wanted.name][wanted.axis]}", self._names.values())
         return self._names[key]
 
+    def _unused(self, wanted: str, taken: Iterable[str]) -> str:
+        """A name that no source mentions."""
+        name, more, gone = wanted, 1, set(taken)
+        while name in gone or any(name.encode() in text for text in self.tree.files.values()):
+            more += 1
+            name = f"{wanted}_{more}"
+        return name
+
     def _stem(self, joint: str) -> str:
-        source, element = self.tree.element(self.tree.marked.marks[joint][0])
+        """A joint's name as its source has it, without what is filled in."""
+        source, element = self.tree.element(self.tree.marked.marks[joint].joint)
         its = source.attributes(element).get(b"name")
         stated = source.text[its[0] : its[1]].decode(errors="replace") if its else ""
         stem = re.sub(r"\W+", "_", _PLAIN.sub("", stated), flags=re.ASCII).strip("_")
@@ -120,7 +131,7 @@ class OwnPlaces:
                 parameters.append(name)
             alike = [joint for joint in alike if call in [its for its, _ in self._calls(joint)]]
             own = alike == [wanted.joint]
-            outer = "" if own else self._handed_on(call, calls[level - 1][1] if level else "", name)
+            outer = "" if own else self._handed_on(call, calls[level - 1][1] if level else "", name, wanted)
             self._attributes.setdefault(_place(call), {})[name] = value if own else f"${{{outer}}}"
             if own:
                 return
@@ -132,13 +143,12 @@ class OwnPlaces:
             self.tree.description.path,
         )
 
-    def _handed_on(self, call: str, macro: str, name: str) -> str:
+    def _handed_on(self, call: str, macro: str, name: str, wanted: Wanted) -> str:
         """What the macro that makes a call names the parameter that it hands on; another for each of its calls."""
         if (call, name) not in self._outer:
-            taken, outer, more = [its for of, its in self._outer.values() if of == macro], name, 1
-            while outer in taken:
-                more += 1
-                outer = f"{name}_{more}"
+            taken = [its for of, its in self._outer.values() if of == macro]
+            taken += self._parameters.get(_place(macro), []) if macro else []
+            outer = self._unused(f"{self._stem(wanted.joint)}_{_AXES[wanted.name][wanted.axis]}", taken)
             self._outer[call, name] = (macro, outer)
         return self._outer[call, name][1]
 

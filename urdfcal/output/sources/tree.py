@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -17,8 +18,9 @@ from urdfcal.output.sources.xml_slots import Element, XmlSource
 from urdfcal.output.sources.yaml_slots import yaml_slots
 from urdfcal.robot.description import Description
 from urdfcal.robot.entities import refuse_entities
-from urdfcal.robot.xacro_child import Variant, variants
+from urdfcal.robot.xacro_child import Variant, XacroLimit, variants
 
+_LONGER, _LEAST = 10.0, 2.0  # times as long as unchanged, and [s] more
 _WIDE = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -30,11 +32,13 @@ class SourceTree:
         description: What they expand to.
         files: Their bytes, by real path; xacro files first, in the order in which they are read.
         xml: Those that are xacro.
+        limit: What an expansion with changed sources may take: little more than one of them as they are.
     """
 
     description: Description
     files: dict[Path, bytes]
     xml: dict[Path, XmlSource]
+    limit: XacroLimit
 
     @classmethod
     def of(cls, description: Description) -> SourceTree:
@@ -47,7 +51,9 @@ class SourceTree:
             raise RobotError(
                 "is a plain URDF, which --format urdf patches; --format xacro is for sources that xacro expands", description.path
             )
-        (found,) = _expanded(description, [{}])
+        began = time.monotonic()
+        (found,) = _expanded(description, [{}], description.xacro_limit)
+        seconds = min(description.xacro_limit.seconds, _LONGER * (time.monotonic() - began) + _LEAST)
         if found.text != description.text:
             raise RobotError("does not expand any more to what was calibrated: its sources have changed since", description.path)
         places = dict.fromkeys(Path(os.path.realpath(file)) for file in found.files)
@@ -56,7 +62,7 @@ class SourceTree:
             if text[:2] in _WIDE or b"\x00" in text[:64]:
                 raise RobotError("is in UTF-16 or UTF-32, whose bytes cannot be kept; save it as UTF-8", place)
         xml = {place: XmlSource(place, text, number) for number, (place, text) in enumerate(files.items()) if _is_xml(text, place)}
-        return cls(description, files, xml)
+        return cls(description, files, xml, replace(description.xacro_limit, seconds=seconds))
 
     @cached_property
     def base(self) -> Expansion:
@@ -89,7 +95,7 @@ class SourceTree:
     def expand(self, several: Sequence[Sequence[Edit]]) -> list[Expansion | None]:
         """What they expand to with edits, for each of several sets of them; None where it cannot be expanded."""
         overlays = [{str(file): text for file, text in self.contents(edits).items()} for edits in several]
-        return [None if each.text is None else read_expansion(each.text) for each in _expanded(self.description, overlays)]
+        return [None if each.text is None else read_expansion(each.text) for each in _expanded(self.description, overlays, self.limit)]
 
     def element(self, mark: str) -> tuple[XmlSource, Element]:
         """What a mark says."""
@@ -103,10 +109,10 @@ class SourceTree:
         return f"{slot.file}:{line}"
 
 
-def _expanded(description: Description, overlays: Sequence[dict[str, bytes]]) -> list[Variant]:
+def _expanded(description: Description, overlays: Sequence[dict[str, bytes]], limit: XacroLimit) -> list[Variant]:
     if not overlays:
         return []
-    return variants(description.path, description.xacro_args, description.package_dirs, description.xacro_limit, overlays)
+    return variants(description.path, description.xacro_args, description.package_dirs, limit, overlays)
 
 
 def _is_xml(text: bytes, place: Path) -> bool:

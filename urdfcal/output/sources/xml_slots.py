@@ -29,12 +29,14 @@ class Element:
         start: Its first byte.
         above: The tags that it stands in, outermost first.
         line: Its line, from 1.
+        macro: Where the macro starts that it is written in; None where it is in none.
     """
 
     tag: str
     start: int
     above: tuple[str, ...]
     line: int
+    macro: int | None
 
     @property
     def xacro(self) -> str:
@@ -65,11 +67,13 @@ class XmlSource:
     def elements(self) -> dict[int, Element]:
         """Its start tags, by where they stand."""
         parser, found = expat.ParserCreate(), dict[int, Element]()
-        above: list[str] = []
+        above: list[Element] = []
 
         def start(tag: str, _: object) -> None:
-            found[parser.CurrentByteIndex] = Element(tag, parser.CurrentByteIndex, tuple(above), parser.CurrentLineNumber)
-            above.append(tag)
+            macro = next((each.start for each in reversed(above) if each.xacro == "macro"), None)
+            tags = tuple(each.tag for each in above)
+            above.append(Element(tag, parser.CurrentByteIndex, tags, parser.CurrentLineNumber, macro))
+            found[parser.CurrentByteIndex] = above[-1]
 
         parser.StartElementHandler, parser.EndElementHandler = start, lambda _: above.pop()
         parser.Parse(self.text, True)
