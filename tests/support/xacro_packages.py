@@ -366,10 +366,56 @@ def one_property() -> Package:
     )
 
 
+def evaluated() -> Package:
+    """`$(eval ...)`, an argument as text, a choice in an expression, an origin over several lines."""
+    return _package(
+        '  <xacro:arg name="n" default="0.3"/>\n  <xacro:property name="t" value="b"/>\n'
+        + BASE
+        + joint("j1", "base", "l1", '<origin xyz="$(eval 0.1 + 0.2) 0 ${xacro.arg(\'n\')}" rpy="0 0 $(arg n)"/>')
+        + joint(
+            "j2", "l1", "l2", "<origin\n   xyz = \"0\n   ${0.2 if t == 'a' else 0.35}\n ${max(0.1,\n 0.2)}\"\n rpy\n= '0 0 0' ></origin>"
+        )
+    )
+
+
+def scopes() -> Package:
+    """Properties that a macro sets for its caller or for all, and one that is set twice."""
+    macro = '  <xacro:macro name="setup">\n    <xacro:property name="z" value="0.44" scope="parent"/>\n'
+    macro += '    <xacro:property name="gx" value="${0.1}" scope="global"/>\n  </xacro:macro>\n  <xacro:setup/>\n'
+    again = '  <xacro:property name="z" value="0.55"/>\n'
+    return _package(
+        macro
+        + BASE
+        + joint("j1", "base", "l1", '<origin xyz="${gx} 0 ${z}" rpy="0 0 0"/>')
+        + again
+        + joint("j2", "l1", "l2", '<origin xyz="${gx} 0 ${z}" rpy="0 0 0"/>')
+    )
+
+
+def anchors() -> Package:
+    """YAML with an anchor, so that one entry is read for two joints."""
+    return _package(
+        '  <xacro:property name="k" value="${xacro.load_yaml(\'kin.yaml\')}"/>\n'
+        + BASE
+        + joint("j1", "base", "l1", '<origin xyz="${k.a.x} ${k.a.y} ${k.a.z}" rpy="${k.a.r} 0 0"/>')
+        + joint("j2", "l1", "l2", '<origin xyz="${k.b.x} ${k.b.y} ${k.b.z}" rpy="${k.b.r} 0 0"/>'),
+        urdf__kin_DOT_yaml="a: &a\n  x: 0.1\n  y: 0\n  z: 3.0e-1\n  r: !degrees 45.0\nb:\n  <<: *a\n  z: .2\n",
+    )
+
+
+def mirrored() -> Package:
+    """A macro called twice with a sign."""
+    macro = '  <xacro:macro name="arm" params="side reflect">\n'
+    macro += (
+        joint("${side}_a", "base", "${side}_1", '<origin xyz="0 ${reflect*0.2} 0.1" rpy="${reflect*pi/2} 0 0"/>') + "  </xacro:macro>\n"
+    )
+    return _package(macro + BASE + '  <xacro:arm side="l" reflect="1"/>\n  <xacro:arm side="r" reflect="-1"/>', shared=True)
+
+
 PACKAGES: dict[str, Callable[[], Package]] = {
     each.__name__: each
     for each in (
         literals, properties, units, ur, two_arms, two_arms_one_yaml, franka, franka_twice, calls, defaults, twice, nested, conditions,
-        dictionary, loop, blocks, crlf_latin, one_property,
+        dictionary, loop, blocks, crlf_latin, one_property, evaluated, scopes, anchors, mirrored,
     )
 }  # fmt: skip

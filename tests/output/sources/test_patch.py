@@ -13,7 +13,7 @@ import pytest
 
 from tests.conftest import CliResult
 from tests.support.helpers import assert_poses_close
-from tests.support.xacro_packages import PACKAGES, calls, joint, twice, two_arms, ur
+from tests.support.xacro_packages import PACKAGES, calls, crlf_latin, joint, twice, ur
 from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.geometry import SE3
 from urdfcal.output.formats import Deployed, deployment
@@ -115,24 +115,21 @@ def test_sources_that_changed_meanwhile_are_refused(tmp_path: Path) -> None:
 def test_git_takes_the_patch_and_the_command_line_writes_all_forms(tmp_path: Path, run_cli: Callable[..., CliResult]) -> None:
     """`git apply` makes of the sources what --in-place does, each kept as .orig; a second time is refused, as is a split of nothing."""
     for name in ("repo", "mine"):
-        description = two_arms().write(tmp_path / name)
+        description = crlf_latin().write(tmp_path / name)
     subprocess.run(["git", "init", "-q"], cwd=tmp_path / "repo", check=True)
-    assert run_cli("simulate", description, "-o", "m.csv", "--sensor", "pose:left_wrist_3_link", "--poses", 8).code == 0
-    repo = tmp_path / "repo" / "urdf/arm.urdf.xacro"
-    assert run_cli("apply", repo, "m_truth.yaml", "--format", "xacro", "-o", "a.patch").code == 0
-    subprocess.run(["git", "apply", "--check", "../a.patch"], cwd=tmp_path / "repo", check=True)
+    assert run_cli("simulate", description, "-o", "m.csv", "--sensor", "pose:l2", "--poses", 3).code == 0
+    assert run_cli("apply", tmp_path / "repo/urdf/arm.urdf.xacro", "m_truth.yaml", "--format", "xacro", "-o", "a.patch").code == 0
     subprocess.run(["git", "apply", "../a.patch"], cwd=tmp_path / "repo", check=True)
 
     words = ("apply", description, "m_truth.yaml", "--format", "xacro", "-o", "b.patch")
-    before = (tmp_path / "mine/urdf/config/left.yaml").read_bytes()
-    assert "--split" in run_cli("apply", description, "m_truth.yaml", "-o", "c.urdf", "--split").err
+    assert "--format xacro alone" in run_cli("apply", description, "m_truth.yaml", "-o", "c.urdf", "--split").err
     assert "each kept as .orig" in run_cli(*words, "--in-place", "--xacro-folder", "out").out
-    assert (tmp_path / "mine/urdf/config/left.yaml.orig").read_bytes() == before
-    for way in ("urdf/config/left.yaml", "urdf/config/right.yaml", "urdf/arm.urdf.xacro"):
+    for way, before in crlf_latin().files.items():
+        assert (tmp_path / "mine" / f"{way}.orig").read_bytes() == before
         content = (tmp_path / "mine" / way).read_bytes()
-        assert content == (tmp_path / "repo" / way).read_bytes() == (tmp_path / "out/mine" / way).read_bytes()
-    assert run_cli(*words, "--overwrite").code == 2
-    assert "already calibrated" in run_cli(*words, "--overwrite").err
+        assert content == (tmp_path / "repo" / way).read_bytes() == (tmp_path / "out" / Path(way).name).read_bytes() != before
+    again = run_cli(*words, "--overwrite")
+    assert (again.code, "already calibrated" in again.err) == (2, True)
 
 
 @pytest.mark.usefixtures("in_process")

@@ -26,12 +26,14 @@ class Choice:
         taken: The place and its slope for each number that has one.
         shared: Places that feed a number and others, too, by the number.
         barred: Places that were found to feed more than they seemed to.
+        text: Whether some expressions give numbers as text.
     """
 
     tree: SourceTree
     taken: dict[Wanted, tuple[Slot, float]] = field(default_factory=dict)
     shared: dict[Wanted, tuple[Slot, tuple[int, ...]]] = field(default_factory=dict)
     barred: set[Slot] = field(default_factory=set)
+    text: bool = False
     _sought: set[Wanted] = field(default_factory=set)
 
     def find(self, wanted: Iterable[Wanted]) -> None:

@@ -31,10 +31,12 @@ class OwnPlaces:
     Attributes:
         tree: The sources.
         by: What each number is to change by, [m] or [rad].
+        text: Whether expressions that are added to may give numbers as text.
     """
 
     tree: SourceTree
     by: Mapping[Wanted, float]
+    text: bool = False
     _attributes: dict[tuple[int, int], dict[str, str]] = field(default_factory=dict)  # of calls, by source and start
     _parameters: dict[tuple[int, int], list[str]] = field(default_factory=dict)  # of macros
     _names: dict[tuple[str, str, int], str] = field(default_factory=dict)
@@ -53,6 +55,8 @@ class OwnPlaces:
         places: dict[tuple[str, str], dict[int, str]] = {}
         for wanted, by in self.by.items():
             value = decimal(by)
+            if value == "0.0":  # what another number's correction has brought about
+                continue
             if self.shared(wanted.joint):
                 name = self._name(wanted)
                 self._give(wanted, name, value)
@@ -168,7 +172,7 @@ class OwnPlaces:
                 raise RobotError(
                     f'{name}="{stated}": its numbers do not stand there one by one; write it as three words', source.file, element.line
                 )
-            edits += slot.added(added)
+            edits += slot.added(added, text=self.text)
         return edits
 
     @cached_property

@@ -110,8 +110,10 @@ def patched_sources(description: Description, origins: Mapping[str, SE3], *, spl
     choice = Choice(tree)
     for _ in range(_CHOICES):
         edits = _edits(tree, choice, by, split)
-        found = _expanded(tree, edits)
-        found, edits = _newton(tree, choice, by, found, edits, split)
+        if tree.expand([edits]) == [None]:
+            choice.text = True  # which numbers may be, and then cannot be added to as they are
+            edits = _edits(tree, choice, by, split)
+        found, edits = _newton(tree, choice, by, _expanded(tree, edits), edits, split)
         stubborn, strayed = choice.bar_stubborn(_left(tree, found, by)), _strayed(tree.base, found, by)
         if not stubborn and not strayed:
             break
@@ -126,7 +128,7 @@ def _edits(tree: SourceTree, choice: Choice, by: Mapping[Wanted, float], split: 
     """All edits that bring the numbers where they are wanted, to first order."""
     stated = [each for each in by if each.name in tree.base.stated[each.joint]]
     choice.find(stated)
-    places = OwnPlaces(tree, {each: value for each, value in by.items() if each not in choice.taken})
+    places = OwnPlaces(tree, {each: value for each, value in by.items() if each not in choice.taken}, choice.text)
     shared = [] if split else [each for each in places.by if places.shared(each.joint)]
     faults = [
         choice.why_not(each) if each in stated else f"{each}: its origin, which does not state it, is shared with other joints"

@@ -95,12 +95,17 @@ class Slot:
             return self._wrapped(b"(", b")" + behind)
         return self.added(behind)
 
-    def added(self, behind: bytes) -> list[Edit]:
-        """It with something behind it in its expression; a number becomes an expression."""
+    def added(self, behind: bytes, *, text: bool = False) -> list[Edit]:
+        """It with something behind it in its expression; a number becomes an expression.
+
+        Args:
+            behind: What is added, with its sign.
+            text: Whether what is there may be a number as text.
+        """
         if self.kind == LITERAL:
             return [Edit(self.file, self.start, self.start, b"${"), Edit(self.file, self.end, self.end, behind + b"}")]
-        bare, sign = self._is_argument or _bare(self._inside), self._sign
-        return self._wrapped(b"${" + sign + (b"" if bare else b"("), (b"" if bare else b")") + behind + b"}")
+        opened, closed = (b"float(", b")") if text else (b"", b"") if self._is_argument or _bare(self._inside) else (b"(", b")")
+        return self._wrapped(b"${" + self._sign + opened, closed + behind + b"}")
 
     def taken_apart(self, behind: Mapping[int, bytes]) -> list[Edit]:
         """An expression that is three numbers in a row, as three words, with something behind some of them."""
