@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 
 from urdfcal.base.errors import RobotError
 from urdfcal.output.sources.numbers import Wanted
@@ -45,6 +46,21 @@ class OwnPlaces:
     def shared(self, joint: str) -> bool:
         """Whether the origin that a joint has, or would be given, is one of other joints, too."""
         return len(self._joints_of(joint)) > 1
+
+    def literals(self) -> dict[Wanted, Slot]:
+        """Numbers that are written in an origin which is one joint's alone: there is nothing to trace."""
+        found: dict[Wanted, Slot] = {}
+        for wanted in self.by:
+            mark = self.tree.marked.marks[wanted.joint].origin
+            if not mark or self.shared(wanted.joint):
+                continue
+            source, element = self.tree.element(mark)
+            its = source.attributes(element).get(wanted.name.encode())
+            spans = words(source.text, *its[:2]) if its else []
+            slot = self._by_place.get((source.file, *spans[wanted.axis])) if len(spans) == 3 else None
+            if slot is not None and slot.kind == LITERAL:
+                found[wanted] = slot
+        return found
 
     def edits(self) -> list[Edit]:
         """All of them.
@@ -159,8 +175,7 @@ class OwnPlaces:
     def _added(self, source: XmlSource, element: Element, name: str, values: Mapping[int, str]) -> list[Edit]:
         start, end, _ = source.attributes(element)[name.encode()]
         spans = words(source.text, start, end)
-        by_place = {slot.start: slot for slot in self._slots if slot.file == source.file and (slot.start, slot.end) in spans}
-        slots = [by_place.get(first) for first, _ in spans]
+        slots = [self._by_place.get((source.file, *span)) for span in spans]
         behind = {axis: f" + {value.removeprefix('${').removesuffix('}')}".encode() for axis, value in values.items()}
         if len(slots) == 1 and slots[0] is not None and slots[0].kind == EXPRESSION:
             return slots[0].taken_apart(behind)
@@ -176,8 +191,9 @@ class OwnPlaces:
         return edits
 
     @cached_property
-    def _slots(self) -> list[Slot]:
-        return [slot for slot in self.tree.slots if slot.kind in (LITERAL, EXPRESSION) and slot.rank == 0]
+    def _by_place(self) -> dict[tuple[Path, int, int], Slot]:
+        its = (slot for slot in self.tree.slots if slot.kind in (LITERAL, EXPRESSION) and slot.rank == 0)
+        return {(slot.file, slot.start, slot.end): slot for slot in its}
 
     def _at_calls(self) -> Iterator[Edit]:
         for place, its in self._attributes.items():

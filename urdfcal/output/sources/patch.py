@@ -107,7 +107,7 @@ def patched_sources(description: Description, origins: Mapping[str, SE3], *, spl
     """
     tree = SourceTree.of(description)
     by = wishes(tree.base, origins)
-    choice = Choice(tree)
+    choice = Choice(tree, {wanted: (slot, 1.0) for wanted, slot in OwnPlaces(tree, by).literals().items()})
     for _ in range(_CHOICES):
         edits = _edits(tree, choice, by, split)
         if tree.expand([edits]) == [None]:
