@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-_INSTALLED = ("/opt", "/usr", "/nix")
+_INSTALLED = ("/opt", "/usr", "/nix")  # unless it is a checkout
 _PARTS = {"site-packages", "dist-packages"}
 
 
@@ -65,8 +65,10 @@ class Layout:
 
 def is_installed(file: Path) -> bool:
     """Whether a file came with an installation, and the next would replace it."""
-    prefixes = [*_INSTALLED, sys.prefix, *(entry for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry)]
-    return bool(_PARTS & set(file.parts)) or any(file.is_relative_to(Path(prefix).resolve()) for prefix in prefixes)
+    prefixes = [sys.prefix, *(entry for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry)]
+    if _PARTS & set(file.parts) or any(file.is_relative_to(Path(prefix).resolve()) for prefix in prefixes):
+        return True
+    return any(file.is_relative_to(prefix) for prefix in _INSTALLED) and not any((above / ".git").exists() for above in file.parents)
 
 
 def package_of(file: Path) -> Path | None:
@@ -76,7 +78,7 @@ def package_of(file: Path) -> Path | None:
 
 def _way_in_package(file: Path) -> Path:
     package = package_of(file)
-    return Path(file.name) if package is None else Path(package.name) / file.relative_to(package)
+    return Path(file.parent.name, file.name) if package is None else Path(package.name) / file.relative_to(package)
 
 
 def _common(files: Iterable[Path]) -> Path:
