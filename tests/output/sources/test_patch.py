@@ -82,7 +82,7 @@ def test_a_number_of_several_joints_is_named_or_split(name: str, tmp_path: Path)
 def test_joints_of_one_call_are_refused(tmp_path: Path) -> None:
     """Joints that a loop makes from one call cannot be told apart by a parameter, and are named."""
     robot, origins = loaded("loop", tmp_path)
-    with pytest.raises(RobotError, match="joint 'j_a' and j_b, j_c come out of the same calls"):
+    with pytest.raises(RobotError, match="joint 'j_a' and j_b, j_c come out of one origin by the same calls"):
         patched_sources(robot.description, origins, split=True)
 
 

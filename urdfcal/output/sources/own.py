@@ -158,8 +158,8 @@ class OwnPlaces:
             name = outer
         others = ", ".join(joint for joint in self._joints_of(wanted.joint) if joint != wanted.joint)
         raise RobotError(
-            f"joint '{wanted.joint}' and {others} come out of the same calls, so that no parameter can tell them apart; "
-            "write a call for each in place of the loop",
+            f"joint '{wanted.joint}' and {others} come out of one origin by the same calls, so that no parameter can tell them apart; "
+            "write out what a loop or a block makes of it",
             self.tree.description.path,
         )
 
