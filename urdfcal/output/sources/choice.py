@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from urdfcal.output.sources.layout import is_installed
 from urdfcal.output.sources.numbers import Wanted
 from urdfcal.output.sources.slots import EXPRESSION, LITERAL, PART, Edit, Slot
 from urdfcal.output.sources.tracing import STEP, Traced, trace
@@ -108,5 +109,7 @@ def _by_slot(traced: Traced) -> dict[int, set[int]]:
     return fed
 
 
-def _preference(slot: Slot, slope: float) -> tuple[int, int, float, str, int]:
-    return slot.kind, slot.rank if slot.kind != LITERAL else 0, abs(abs(np.log(abs(slope)))), str(slot.file), slot.start
+def _preference(slot: Slot, slope: float) -> tuple[bool, int, int, float, str, int]:
+    """The user's own files first; then numbers, those nearest to metres and radians; of expressions those nearest to the origin."""
+    rank = 0 if slot.kind == LITERAL else slot.rank
+    return is_installed(slot.file), slot.kind, rank, abs(np.log(abs(slope))), str(slot.file), slot.start
