@@ -122,7 +122,7 @@ NOT_UNDERSTOOD = {
     "dh a.urdf --tip": "Option '--tip' requires an argument; urdfcal dh --help says what it takes",
     "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
     "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'rising', "
-    "'ros2-control', 'xarm', 'franka', 'flexiv', 'tesseract'; did you mean 'ur'?",
+    "'ros2-control', 'xarm', 'franka', 'flexiv', 'tesseract', 'xacro'; did you mean 'ur'?",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from tests.support.small_robot import URDF, XACRO
 from urdfcal.base.errors import RobotError
 from urdfcal.robot.description import Description, read_description
 from urdfcal.robot.robot import load_robot
-from urdfcal.robot.xacro_child import XacroLimit
+from urdfcal.robot.xacro_child import XacroLimit, variants
 
 HEAD = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
 
@@ -295,3 +296,21 @@ def test_a_missing_package_dir_is_refused(tmp_path: Path) -> None:
 def _written(path: Path, text: str) -> Path:
     path.write_text(text, "utf-8")
     return path
+
+
+def test_many_variants_of_a_file_are_expanded_in_one_process(tmp_path: Path) -> None:
+    """Each has its own content of the files that it reads; one that cannot be expanded, or never ends, leaves the others alone."""
+    main, part = tmp_path / "a.xacro", tmp_path / "k.yaml"
+    main.write_text(
+        '<robot name="a" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="k" value="${xacro.load_yaml(\'k.yaml\')}"/>'
+        '<link name="l${k.n}"/></robot>'
+    )
+    part.write_text("n: 1\n")
+    place, slow = os.path.realpath(part), main.read_bytes().replace(b"${k.n}", b"${[0 for a in range(k.n) for b in range(k.n)][0]}")
+    overlays = [{}, {place: b"n: 2\n"}, {place: b"m: 2\n"}, {place: b"n: 900000\n", os.path.realpath(main): slow}, {place: b"n: 3\n"}]
+    found = variants(main, {}, (), XacroLimit(seconds=0.4), overlays)
+    made = [each.text and each.text.count(f'"l{number}"'.encode()) for each, number in zip(found, (1, 2, 0, 0, 3), strict=True)]
+    assert made == [1, 1, None, None, 1]
+    assert "no key 'n'" in found[2].fault
+    assert "not expanded after 0.4 s" in found[3].fault
+    assert part in found[0].files

@@ -89,7 +89,10 @@ COMMANDS = {
         "compare small.urdf c.urdf --json",
         "rig c.urdf --tip tool --tracker --prefix two_ -o out.urdf --overwrite",
     ),
-    "small.xacro": ("fit small.xacro m.csv -o out.urdf --overwrite --xacro-arg height:=0.2", "dh small.xacro"),
+    "small.xacro": (
+        "fit small.xacro m.csv -o out.urdf --format urdf --format xacro --split --overwrite --xacro-arg height:=0.2",
+        "dh small.xacro",
+    ),
     "m.csv": (
         "fit small.urdf m.csv -o out.urdf --overwrite",
         "evaluate small.urdf m.csv",

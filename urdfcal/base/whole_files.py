@@ -14,7 +14,7 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from urdfcal.base.errors import UsageError
@@ -79,6 +79,19 @@ def folder_whole(path: str | Path) -> Iterator[Path]:
     finally:
         os.close(descriptor)
         shutil.rmtree(beside, ignore_errors=True)
+
+
+def make_folders(folders: Iterable[Path]) -> None:
+    """Make folders that are not there yet, and those above them.
+
+    Raises:
+        UsageError: one cannot be made.
+    """
+    for folder in folders:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise _unwritable(folder, error) from None
 
 
 def require_writable(path: str | Path) -> None:

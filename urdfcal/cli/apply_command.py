@@ -9,10 +9,11 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, expanded_note, lacking, listed, load, stored_calibration
+from urdfcal.cli.inputs import about, beside_note, expanded_note, lacking, listed, load, stored_calibration
 from urdfcal.cli.onto_other import put_onto
 from urdfcal.cli.options import (
     Formats,
+    InPlace,
     Json,
     Lasers,
     Overwrite,
@@ -21,9 +22,11 @@ from urdfcal.cli.options import (
     RobotFile,
     Screen,
     Seed,
+    Split,
     UrHash,
     Verbose,
     XacroArgs,
+    XacroFolder,
     XacroLimits,
     chosen,
 )
@@ -57,6 +60,9 @@ def apply(
         ),
     ] = None,
     ur_hash_from: UrHash = None,
+    split: Split = False,
+    in_place: InPlace = False,
+    xacro_folder: XacroFolder = None,
     force: Annotated[
         bool, typer.Option("--force", help="Put the correction on top of an origin that is neither nominal nor corrected.")
     ] = False,
@@ -75,7 +81,7 @@ def apply(
     import numpy as np
 
     from urdfcal.base.terminal import many
-    from urdfcal.cli.fit_outputs import planned_formats
+    from urdfcal.cli.fit_outputs import planned_formats, with_sources
     from urdfcal.output.formats import Deployed
     from urdfcal.output.replaced import require_same
 
@@ -101,6 +107,7 @@ def apply(
         )
         return
     plan = planned_formats(chosen(output_format), output, arm.description.stem, ur_hash_from)
+    plan = with_sources(plan, split=split, folder=xacro_folder, in_place=in_place, overwrite=overwrite)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
     stored = stored_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)
@@ -110,13 +117,15 @@ def apply(
     if not overwrite:
         require_same(files)
     warn(deployed.warnings(plan), quiet)
-    deliver(files)
+    files |= (beside := deployed.beside(plan))
+    deliver(files, beside)
     warn(lacking(arm, missing), quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
+    written = told(place for place in files if place not in beside)
     places = {name: str(place) for name, place in plan.places.items()}
     finish(
         {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(told(files))} with {many(len(origins), 'corrected origin')}"
+        f"wrote {listed(written)} with {many(len(origins), 'corrected origin')}{beside_note(plan)}"
         + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

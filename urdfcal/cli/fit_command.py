@@ -13,6 +13,7 @@ from urdfcal.cli.console import Working, say, show, warn
 from urdfcal.cli.help import EXPERT
 from urdfcal.cli.inputs import (
     about,
+    beside_note,
     by_the_data,
     earlier_joints,
     expanded_note,
@@ -41,6 +42,7 @@ from urdfcal.cli.options import (
     EstimatorName,
     Fix,
     Formats,
+    InPlace,
     JointSigma,
     Json,
     Lasers,
@@ -62,11 +64,13 @@ from urdfcal.cli.options import (
     Schedule,
     Screen,
     Seed,
+    Split,
     Target,
     TargetKnown,
     UrHash,
     Verbose,
     XacroArgs,
+    XacroFolder,
     XacroLimits,
     chosen,
 )
@@ -108,6 +112,9 @@ def fit(
     ] = None,
     output_format: Formats = None,
     ur_hash_from: UrHash = None,
+    split: Split = False,
+    in_place: InPlace = False,
+    xacro_folder: XacroFolder = None,
     rig: RigOption = None,
     error_model: Model = None,
     estimate: Estimate = None,
@@ -264,7 +271,7 @@ def fit(
     from urdfcal.calibration.analysis.validation import coverage_warnings
     from urdfcal.calibration.analysis.validation import holdout as hold_out
     from urdfcal.calibration.analysis.validation import kfold as cross_validate
-    from urdfcal.cli.fit_outputs import planned, sag_wish
+    from urdfcal.cli.fit_outputs import planned, sag_wish, with_sources
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
     from urdfcal.output.text.sag import asked_for, in_compensation, pair_words, sag_blocks, sag_json
@@ -276,6 +283,8 @@ def fit(
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     outputs = planned(chosen(output_format), output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
+    wanted = with_sources(outputs.plan, split=split, folder=xacro_folder, in_place=in_place, overwrite=overwrite)
+    outputs = replace(outputs, plan=wanted)
     inputs = (robot, measurements, rig, test, ur_hash_from, camera, after, prior_from)
     require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
@@ -350,7 +359,7 @@ def fit(
         extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
         files, cautions = outputs.contents(calibration, bent, extra, rng())
     warn(cautions, quiet)
-    deliver(files)
+    deliver(files, [place for place in files if place not in outputs.places.values()])
     if as_json:
         bending_told = sag_json(bent, outputs.compensation in files) if bent else None
         written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
@@ -361,7 +370,8 @@ def fit(
     say(
         not as_json,
         f"\nwrote {listed(told(place for place in outputs.places.values() if place in files))}"
-        + (expanded_note(arm) if "urdf" in outputs.plan.places else ""),
+        + (expanded_note(arm) if "urdf" in outputs.plan.places else "")
+        + beside_note(outputs.plan),
         sys.stdout,
     )
     if outputs.compensation in files:

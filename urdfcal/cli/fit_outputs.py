@@ -22,6 +22,7 @@ from urdfcal.output.formats import Deployment, deployment
 from urdfcal.output.pairs import CORRECTED, written_with
 from urdfcal.output.replaced import require_earlier, require_marked
 from urdfcal.output.report.files import report_bytes, require_report_ending
+from urdfcal.output.sources.wanted import SourcesWish
 
 if TYPE_CHECKING:
     from urdfcal.api import Calibration
@@ -113,7 +114,10 @@ class Outputs:
         if "calibration" in places:  # the last of all: it tells whether the others are its own
             record = calibration.record(sys.argv, written_with(places["calibration"], files))
             files |= {places["camera"]: _camera_file(calibration, record)} if self.camera else {}
+            files |= deployed.beside(self.plan)
             files[places["calibration"]] = record
+        else:
+            files |= deployed.beside(self.plan)
         return files, list(deployed.warnings(self.plan))
 
 
@@ -169,6 +173,19 @@ def planned_formats(formats: Sequence[str], output: Path | None, stem: str, ur_h
     if len(plan.places) > 1:
         raise UsageError(f"-o -: {len(plan.places)} formats do not go to one standard output; name one --format, or a file")
     return replace(plan, places=dict.fromkeys(plan.places, STDOUT))
+
+
+def with_sources(plan: Deployment, *, split: bool, folder: Path | None, in_place: bool, overwrite: bool) -> Deployment:
+    """The files with what is wanted of a xacro's sources.
+
+    Raises:
+        UsageError: something is wanted of them without the format xacro.
+    """
+    asked = {"--split": split, "--in-place": in_place, "--xacro-folder": folder is not None}
+    for option, given in asked.items():
+        if given and "xacro" not in plan.places:
+            raise UsageError(f"{option} means something with --format xacro alone")
+    return replace(plan, sources=SourcesWish(split, folder, in_place, overwrite))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from urdfcal.model.error_model import ErrorModel
     from urdfcal.model.options import ModelOptions
     from urdfcal.model.parameters import Kind, PriorScale
+    from urdfcal.output.formats import Deployment
     from urdfcal.output.stored import StoredCalibration
     from urdfcal.robot.rig import Grid
     from urdfcal.robot.robot import Robot
@@ -461,6 +462,13 @@ def about(robot: Robot) -> str:
 def expanded_note(robot: Robot) -> str:
     """A word where the URDF that is written is not the text that was read."""
     return f" (the URDF is the expanded {robot.description.path.name})" if robot.description.expanded else ""
+
+
+def beside_note(plan: Deployment) -> str:
+    """What became of a xacro's sources beside their patch."""
+    its = plan.sources
+    copies = [f"; {its.folder} has changed copies"] if its.folder is not None else []
+    return "".join([*copies, *(["; changed the sources in place, each kept as .orig"] if its.in_place else [])])
 
 
 def papers_arm(name: str) -> Path:

@@ -60,6 +60,7 @@ class FormatName(StrEnum):
     FRANKA = "franka"
     FLEXIV = "flexiv"
     TESSERACT = "tesseract"
+    XACRO = "xacro"
 
 
 class Addition(StrEnum):
@@ -202,7 +203,8 @@ Formats = Annotated[
         metavar="FORMAT",
         help=f"What to write, of {', '.join(FormatName)}. origins-yaml has x y z roll pitch yaw of every joint, offsets has joint offsets "
         "alone; rising and ros2-control are URDFs with the zeros in <calibration rising>, or in a transmission's <offset>; ur, xarm, "
-        "franka, flexiv and tesseract are kinematics files as these read them. Repeatable, all go beside the first. Default: urdf.",
+        "franka, flexiv and tesseract are kinematics files as these read them; xacro is a patch of your own sources. Repeatable, all go "
+        "beside the first. Default: urdf.",
         show_default=False,
     ),
 ]
@@ -212,6 +214,28 @@ UrHash = Annotated[
         "--ur-hash-from",
         metavar="YAML",
         help="Take the hash of the ur format from this kinematics file of the very robot. Default: none is written.",
+        show_default=False,
+        rich_help_panel=EXPERT,
+    ),
+]
+Split = Annotated[
+    bool,
+    typer.Option(
+        "--split",
+        help="Of the xacro format: a number that feeds several joints becomes a parameter of its macro, for each joint its own.",
+        rich_help_panel=EXPERT,
+    ),
+]
+InPlace = Annotated[
+    bool,
+    typer.Option("--in-place", help="Also change the xacro's sources themselves; each is kept as .orig.", rich_help_panel=EXPERT),
+]
+XacroFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--xacro-folder",
+        metavar="DIR",
+        help="Also write changed copies of the xacro's sources, with all that they read, into a new folder.",
         show_default=False,
         rich_help_panel=EXPERT,
     ),

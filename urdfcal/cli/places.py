@@ -73,15 +73,22 @@ def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
     _require_unread(outputs)
 
 
-def deliver(contents: Mapping[str | Path, bytes]) -> None:
+def deliver(contents: Mapping[str | Path, bytes], beside: Iterable[str | Path] = ()) -> None:
     """Write files whole, and what belongs on stdout there.
+
+    Args:
+        contents: By their places.
+        beside: Those that are asked for by options of their own: they may replace what was read, in folders that are made for them.
 
     Raises:
         UsageError: a place cannot be written to, or was read by this command; no file has been touched then.
     """
     from urdfcal.base.files import write_together
+    from urdfcal.base.whole_files import make_folders
 
-    _require_unread(map(Path, contents))
+    kept = set(map(Path, beside))
+    _require_unread(place for place in map(Path, contents) if place not in kept)
+    make_folders(place.parent for place in kept)
     write_together({place: content for place, content in contents.items() if Path(place) != STDOUT})
     for place, content in contents.items():
         if Path(place) == STDOUT:

@@ -17,7 +17,9 @@ ENDINGS = {
     "franka": "_franka_kinematics.yaml",
     "flexiv": "_flexiv_kinematics.yaml",
     "tesseract": "_tesseract.yaml",
+    "xacro": "_xacro.patch",
 }
+PATCHES = (".patch", ".diff")
 
 
 def stem_of(path: Path) -> str:
@@ -25,4 +27,4 @@ def stem_of(path: Path) -> str:
     for ending in sorted(ENDINGS.values(), key=len, reverse=True):
         if path.name.endswith(ending) and path.name != ending:
             return path.name.removesuffix(ending)
-    return path.stem if path.suffix in (".urdf", *YAML_ENDINGS) else path.name
+    return path.stem if path.suffix in (".urdf", *YAML_ENDINGS, *PATCHES) else path.name

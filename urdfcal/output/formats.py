@@ -13,17 +13,24 @@ from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
-from urdfcal.output.endings import ENDINGS, stem_of
+from urdfcal.output.endings import ENDINGS, PATCHES, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
+from urdfcal.output.sources.patch import SourcePatch, patched_sources
+from urdfcal.output.sources.wanted import SourcesWish
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
-_URDFS = ("urdf", *ASIDE)
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
-_FOREIGN = {"urdf": (*YAML_ENDINGS, *_OTHERS), "yaml": (".urdf", ".xacro", ".xml", *_OTHERS)}  # what files of the kind must not be called
+_XML = (".urdf", ".xacro", ".xml")
+_KINDS = {"urdf": "a URDF", **dict.fromkeys(ASIDE, "a URDF"), "xacro": "a patch"}  # of the others: YAML
+_FOREIGN = {  # what files of the kind must not be called
+    "a URDF": (*YAML_ENDINGS, *PATCHES, *_OTHERS),
+    "a patch": (*YAML_ENDINGS, *_XML, *_OTHERS),
+    "YAML": (*_XML, *PATCHES, *_OTHERS),
+}
 
 
 @dataclass(frozen=True)
@@ -33,10 +40,12 @@ class Deployment:
     Attributes:
         places: Where each format is written; the first is the main output.
         ur_file: Whose hash the UR format gets.
+        sources: What becomes of a xacro's sources.
     """
 
     places: Mapping[str, Path]
     ur_file: UrFile | None = None
+    sources: SourcesWish = field(default_factory=SourcesWish)
 
     @property
     def main(self) -> Path:
@@ -66,6 +75,8 @@ class Deployment:
             require_places_aside(name, robot, names)
         for name in MAKERS.keys() & self.places.keys():
             MAKERS[name].joints(robot, names, name)
+        if "xacro" in self.places:
+            self.sources.require_possible(robot.description)
         if self.ur_file is not None:
             self.ur_file.require_model_of(robot, names)
 
@@ -100,9 +111,9 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
 
 def _meant(wanted: Sequence[str], output: Path) -> str:
     own = [name for name in wanted if output.name.endswith(ENDINGS[name])]
-    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN["urdf" if name in _URDFS else "yaml"]]
+    alike = [name for name in wanted if output.suffix.lower() not in _FOREIGN[_KINDS.get(name, "YAML")]]
     if not alike:
-        kind = "a URDF" if wanted[0] in _URDFS else "YAML"
+        kind = _KINDS.get(wanted[0], "YAML")
         raise UsageError(f"{output}: --format {wanted[0]} writes {kind}, expected a name that does not end in {output.suffix}")
     return (own or alike)[0]
 
@@ -120,6 +131,7 @@ class Deployed:
     robot: Robot
     origins: Mapping[str, SE3]
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _sources: dict[bool, SourcePatch] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def loss(self) -> OffsetLoss:
@@ -133,9 +145,31 @@ class Deployed:
             RobotError: a format is not for this robot.
         """
         kinematics_hash = plan.ur_file.hash if plan.ur_file is not None else None
-        return {place: self.content(name, kinematics_hash) for name, place in plan.places.items()}
+        return {place: self.content(name, kinematics_hash, split=plan.sources.split) for name, place in plan.places.items()}
 
-    def content(self, name: str, kinematics_hash: str | None = None) -> bytes:
+    def beside(self, plan: Deployment) -> dict[str | Path, bytes]:
+        """A xacro's sources themselves, in place or in a folder, where they are wanted beside their patch.
+
+        Raises:
+            RobotError: they cannot be calibrated, or are not the user's own.
+            UsageError: the content of a source before an earlier change would be lost.
+        """
+        return plan.sources.files(self.sources(plan.sources.split)) if "xacro" in plan.places else {}
+
+    def sources(self, split: bool = False) -> SourcePatch:
+        """The calibration as changed sources of the xacro that the robot was expanded from.
+
+        Args:
+            split: Whether a number that feeds several joints may become a parameter of its macro.
+
+        Raises:
+            RobotError: it is no xacro, or its sources cannot be changed so; says where.
+        """
+        if split not in self._sources:
+            self._sources[split] = patched_sources(self.robot.description, self.origins, split=split)
+        return self._sources[split]
+
+    def content(self, name: str, kinematics_hash: str | None = None, *, split: bool = False) -> bytes:
         """One format's bytes.
 
         Raises:
@@ -156,6 +190,8 @@ class Deployed:
             return maker_yaml(name, self.robot, self.origins)
         if name == "tesseract":
             return tesseract_yaml(self.origins)
+        if name == "xacro":
+            return self.sources(split).unified
         raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
 
     def warnings(self, plan: Deployment) -> tuple[str, ...]:
@@ -163,4 +199,5 @@ class Deployed:
         ur = ur_warnings(self.robot, self.origins) if "ur" in plan.places else ()
         whose = plan.ur_file.warnings(self.robot, self.origins) if plan.ur_file is not None else ()
         makers = (line for name in plan.places if name in MAKERS for line in maker_warnings(name, self.robot, self.origins))
-        return (*ur, *whose, *makers, *(self.loss.warnings if "offsets" in plan.places else ()))
+        copied = self.sources(plan.sources.split).warnings if "xacro" in plan.places else ()
+        return (*ur, *whose, *makers, *copied, *(self.loss.warnings if "offsets" in plan.places else ()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from urdfcal.base.errors import RobotError
@@ -27,6 +27,8 @@ class Description:
         expanded: Whether the text is xacro's work and not the file's own bytes.
         package_dirs: Folders given by the user in which packages are looked for.
         included: Files beside it that xacro read.
+        xacro_args: Values that were given to its xacro arguments.
+        xacro_limit: Time and memory that its expansion may take.
     """
 
     path: Path
@@ -34,6 +36,8 @@ class Description:
     expanded: bool
     package_dirs: tuple[Path, ...] = ()
     included: tuple[Path, ...] = ()
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    xacro_limit: XacroLimit = USUAL_LIMIT
 
     @property
     def stem(self) -> str:
@@ -81,7 +85,15 @@ def read_description(
         return Description(path, text, expanded=False, package_dirs=folders)
     found = expanded(path, xacro_args or {}, folders, xacro_limit)
     included = tuple(file for file in dict.fromkeys(found.files) if file != path)
-    return Description(path, found.text, expanded=True, package_dirs=folders, included=included)
+    return Description(
+        path,
+        found.text,
+        expanded=True,
+        package_dirs=folders,
+        included=included,
+        xacro_args=dict(xacro_args or {}),
+        xacro_limit=xacro_limit,
+    )
 
 
 def _refuse_others(path: Path, text: bytes) -> None:

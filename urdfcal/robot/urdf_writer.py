@@ -19,7 +19,7 @@ _DUST = 1e-16
 _BLANK = re.compile(rb"[ \t\r\n]*")
 _ENCODING = re.compile(rb"""<\?xml[^>]*?encoding\s*=\s*["']([\w.-]+)["']""")
 _INDENT = re.compile(rb"\n([ \t]+)<(?:link|joint)\b")
-_ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
+ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
 @dataclass
@@ -102,7 +102,7 @@ def _edits(text: bytes, span: _JointSpan, origin: SE3) -> list[tuple[int, int, b
     if span.origin is None:
         return [_new_origin(text, span.tag, xyz, rpy)]
     end = tag_end(text, span.origin)
-    values_at = {match[1]: match.span(2) for match in _ATTRIBUTE.finditer(text, span.origin, end)}
+    values_at = {match[1]: match.span(2) for match in ATTRIBUTE.finditer(text, span.origin, end)}
     old = pose(*(np.array([float(word) for word in span.stated.get(name, "0 0 0").split()]) for name in ("xyz", "rpy")))
     same = {
         "xyz": np.abs(old.translation - origin.translation).max() <= _SAME,

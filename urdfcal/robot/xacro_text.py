@@ -8,6 +8,7 @@ import re
 import xml.dom.expatbuilder
 import xml.dom.minidom
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from xml.parsers import expat
 
@@ -16,12 +17,22 @@ from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.robot.entities import refuse_entities
 from urdfcal.robot.packages import OWN, find_package, own_package, resolve_uri
 from urdfcal.robot.xacro_faults import memory_ended, refuse_macros_alone, refuse_unknown_arguments, xacro_fault
+from urdfcal.robot.xacro_probe import content_over, probing
 
 _EXPANDED = "Expanded from {} by xacro; edit that file, not this one."
 
 
-def expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, ...]) -> tuple[bytes, list[Path]]:
+def expand(
+    path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, ...], overlay: Mapping[str, bytes] | None = None
+) -> tuple[bytes, list[Path]]:
     """The expanded document, and the files that were read for it.
+
+    Args:
+        path: The xacro file.
+        xacro_args: Values of `<xacro:arg>`.
+        package_dirs: Folders in which `$(find pkg)` looks first.
+        overlay: Content to be read in place of files, by their real paths; given, it is even if empty, YAML is among the files, and what
+            stands in `xacro_probe` is known to the files' Python.
 
     Raises:
         RobotError: what xacro, or a refusal of ours, says of it.
@@ -29,8 +40,14 @@ def expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, 
     """
     import xacro
 
-    chatter, sources = io.StringIO(), {path: content_of(path, DESCRIPTION, RobotError)}
-    with _our_look_up(package_dirs, sources), contextlib.redirect_stderr(chatter), contextlib.redirect_stdout(chatter):
+    chatter, sources, loaded = io.StringIO(), {path: content_of(path, DESCRIPTION, RobotError)}, dict[Path, None]()
+    probed = nullcontext() if overlay is None else probing(overlay, loaded)
+    with (
+        _our_look_up(package_dirs, sources, overlay or {}),
+        probed,
+        contextlib.redirect_stderr(chatter),
+        contextlib.redirect_stdout(chatter),
+    ):
         try:
             xacro.init_stacks(str(path))
             document = xacro.parse(None, str(path))
@@ -47,7 +64,7 @@ def expand(path: Path, xacro_args: Mapping[str, str], package_dirs: tuple[Path, 
     read = b"".join(sources.values())
     refuse_unknown_arguments(path, xacro_args, read)
     refuse_macros_alone(path, len(document.getElementsByTagName("link")), read)
-    return text, list(sources)
+    return text, [*sources, *loaded]
 
 
 def _comes_along(filename: str) -> str:
@@ -62,7 +79,7 @@ def expanded_calls(calls: str) -> str:
     import xacro
 
     include = f'<xacro:include filename="$(find {OWN})/robots/slm.urdf.xacro"/>'
-    with _our_look_up((), {}), contextlib.redirect_stderr(io.StringIO()):
+    with _our_look_up((), {}, {}), contextlib.redirect_stderr(io.StringIO()):
         xacro.init_stacks(None)
         document = xacro.parse(f'<robot name="rig" xmlns:xacro="http://www.ros.org/wiki/xacro">{include}{calls}</robot>')
         xacro.process_doc(document)
@@ -79,7 +96,7 @@ def _document(text: bytes) -> xml.dom.minidom.Document:
 
 
 @contextlib.contextmanager
-def _our_look_up(package_dirs: tuple[Path, ...], sources: dict[Path, bytes]) -> Iterator[None]:
+def _our_look_up(package_dirs: tuple[Path, ...], sources: dict[Path, bytes], overlay: Mapping[str, bytes]) -> Iterator[None]:
     """Give xacro our package look-up (its own needs a ROS installation) and our refusal of entities; collect what it reads."""
     import xacro
     import xacro.substitution_args
@@ -96,7 +113,7 @@ def _our_look_up(package_dirs: tuple[Path, ...], sources: dict[Path, bytes]) -> 
         if inp is not None or filename is None:
             return parse(inp, filename)
         try:
-            text = content_of(filename, DESCRIPTION)
+            text = content_over(overlay, filename) or content_of(filename, DESCRIPTION)
         except InputError as error:
             xacro.filestack.pop()
             found = f"the included file {str(error).replace(': ', ' ', 1)}{_comes_along(filename)}"

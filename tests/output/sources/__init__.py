@@ -1,0 +1,1 @@
+"""Tests of a calibration in a xacro's own sources."""
