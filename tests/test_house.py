@@ -27,6 +27,7 @@ FLOORS = (
     "deploy",
     "output",
     "fleet",
+    "cell",
     "api",
     "cli",
     "__main__",

@@ -38,7 +38,7 @@ CHANGED = {
     "fit": "urdfcal fit robot.urdf measured.csv -o robot_calibrated.urdf --overwrite",
 }
 ORDER = "rig measurements check fit evaluate apply compare import correct dh view simulate markers render spots module version".split()
-ELSEWHERE = {"boards", "camera", "fleet", "paper"}  # take as long as all the others; their own tests look at them
+ELSEWHERE = {"boards", "camera", "fleet", "paper", "poses"}  # take as long as all the others; their own tests look at them
 
 
 @pytest.fixture

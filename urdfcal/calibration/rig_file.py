@@ -27,7 +27,7 @@ Aliases and entries that stand twice are refused.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -239,13 +239,19 @@ def read_rig_file(path: str | Path) -> RigFile:
         if (kind := kind_of(file.content)) not in ("", RIG):
             raise RigError(f"is no rig file: it is {kind}", path) from None
         found = error.errors()[0]
-        raise RigError(_in_words(found), path, file.line(found["loc"])) from None
+        raise RigError(in_words(found, _entries), path, file.line(found["loc"])) from None
 
 
-def _in_words(found: Mapping[str, Any]) -> str:
+def in_words(found: Mapping[str, Any], known: Callable[[list[str]], list[str]]) -> str:
+    """What pydantic found in a file, in words.
+
+    Args:
+        found: One of its errors.
+        known: Tells of the steps to an entry which entries there may be.
+    """
     steps = [str(step) for step in found["loc"] if step != "[key]"]
     if found["type"] == "extra_forbidden":
-        return f"entry '{'.'.join(steps)}' is unknown{did_you_mean(steps[-1], _entries(steps[:-1]))}"
+        return f"entry '{'.'.join(steps)}' is unknown{did_you_mean(steps[-1], known(steps[:-1]))}"
     value = found.get("input")
     shown = f", found {value!r}" if isinstance(value, str | int | float | bool) else ""
     return f"entry '{'.'.join(steps)}': {found['msg'].removeprefix('Value error, ')}{shown}"

@@ -54,6 +54,7 @@ COMMANDS = {
     "simulate": Described(
         "Simulate measurements of a robot with known errors.", "urdfcal simulate robot.urdf -o try.csv --sensor point:tool0", TRYING
     ),
+    "poses": Described("Choose which poses to measure, and in which order.", "urdfcal poses robot.urdf -o poses.csv --sensor point:tool0"),
     "fleet": Described("Calibrate many robots, and say who stands out.", "urdfcal fleet fleet.csv -o fleet/ --fit '--no-sag'"),
     "paper": Described(
         "Repeat the paper's tables beside the published ones.", "urdfcal paper --report paper.html --latex tables.tex", TRYING

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import FitRejected, UsageError
-from urdfcal.cli.console import Working, finish, warn
+from urdfcal.cli.console import Working, finish, say, warn
 from urdfcal.cli.options import Json, Quiet
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def fleet(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate many robots: each in a folder of its own, what is done stays done, and all of them in one summary."""
+    from urdfcal.base.terminal import many
     from urdfcal.estimation.evidence import LEAST_POSES
     from urdfcal.fleet.manifest import fleet_rows
     from urdfcal.fleet.outcome import standing_out
@@ -74,6 +75,7 @@ def fleet(
     warn([f"and {len(bad) - _TOLD} more: see summary.csv"] if len(bad) > _TOLD else [], quiet)
     finish(_machine(outcomes, files) if as_json else None, _told(outcomes, files), quiet)
     if bad:
+        say(True, f"urdfcal: {len(bad)} of {many(len(rows), 'robot')} failed, or must not be used: see {into / 'summary.csv'}")
         raise typer.Exit(FitRejected.exit_code)
 
 

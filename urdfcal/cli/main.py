@@ -27,6 +27,7 @@ from urdfcal.cli.look_commands import check, dh, evaluate
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.paper_command import paper
+from urdfcal.cli.poses_command import poses
 from urdfcal.cli.render_command import render
 from urdfcal.cli.rig_command import rig
 from urdfcal.cli.run import run, told
@@ -46,7 +47,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-_LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, rig, simulate, fleet)
+_LOOKING: tuple[Any, ...] = (fit, measurements, evaluate, check, dh, rig, poses, simulate, fleet)
 _RESULTS: tuple[Any, ...] = (apply, correct, import_, compare, paper, view)
 for _command in (*_LOOKING, *_RESULTS, camera, boards, markers, spots, render, module):
     _name = _command.__name__.removesuffix("_")  # `import` is a word of Python's own

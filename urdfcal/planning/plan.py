@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, parse_sensor
 
 CANDIDATES = 2000  # random ones, where none are given
 _WORKSPACE = 200
+_ROUNDS = 5  # of drawing, where some of what was drawn is in the way
+Allowed = Callable[[Robot, Matrix], Mask]
 _DRAWS = 10  # of random poses, that the chosen ones are compared with
 
 
@@ -97,6 +99,8 @@ def plan_poses(
     reference: str | None = None,
     workspace: Matrix | None = None,
     have: Measurements | npt.ArrayLike | None = None,
+    allowed: Allowed | None = None,
+    until_mm: float | None = None,
     screen_size: float = 3.0,
     seed: int = 0,
     rng: np.random.Generator | None = None,
@@ -105,8 +109,8 @@ def plan_poses(
 
     One after the other the one that gains most is taken; then each is exchanged for a better one until none gains (`selection`).
 
-    Nothing knows here of obstacles, cables and what else is in the way: give as `candidates` poses that the robot may take. Where measuring
-    frame and targets will be is not known yet, and is drawn at random; it matters little to which poses are good ones.
+    What is in the way is for `allowed` to know, or for whoever gives the `candidates`. Where measuring frame and targets will be is not
+    known yet, and is drawn at random; it matters little to which poses are good ones.
 
     Args:
         robot: Nominal robot.
@@ -122,6 +126,8 @@ def plan_poses(
         reference: Link that the measuring frame stands on; by default `tracker`, or the root.
         workspace: Configurations over which the tool must be accurate, (c, inputs), [rad] or [m]; by default random within limits.
         have: Poses that were measured already with these sensors, which the plan is to complete: measurements, or positions (h, inputs).
+        allowed: Which of some positions (m, inputs) of the robot, as the sensors see it, it may take, (m,).
+        until_mm: As few poses, up to n, as bring the tool's predicted error down to this, [mm].
         screen_size: Side of the screen, [m].
         seed: Of the randomness.
         rng: Source of randomness in place of a seed.
@@ -140,7 +146,7 @@ def plan_poses(
     errors = build_error_model(seen.chain, seen.rig, options or ModelOptions())
     setup = simulated_setup(seen, errors, errors.mean, named, rng, area=ScreenArea(screen_size))
     errors, x = setup.errors, setup.x
-    q = _candidates(seen, errors, candidates, setup.area, rng)
+    q = _taken(seen, errors, candidates, setup.area, rng, allowed)
     if not 1 <= n <= len(q):
         raise UsageError(f"plan_poses: expected n from 1 to {len(q)}, the number of candidates, found {n}")
 
@@ -156,9 +162,28 @@ def plan_poses(
     known = None
     if have is not None:
         known = information(told(_candidates(seen, errors, have.q if isinstance(have, Measurements) else have, setup.area, rng)))
-    chosen, left = exchanged(H, errors.sigma, M, greedy(H, errors.sigma, M, n, known)[0], known)
+    chosen, left = greedy(H, errors.sigma, M, n, known)
+    if until_mm is not None:
+        n = min(n, 1 + int(np.argmax(np.append(left[1:-1] <= (until_mm * MM) ** 2, True))))
+    chosen, left = exchanged(H, errors.sigma, M, chosen[:n], known)
     at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False), known) for _ in range(_DRAWS)])
     return PosePlan(seen, seen.chain.input_names, q[chosen], chosen, tool, np.sqrt(left) / MM, float(np.sqrt(at_random)) / MM)
+
+
+def _taken(
+    robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | int, area: ScreenArea, rng: np.random.Generator, allowed: Allowed | None
+) -> Matrix:
+    """Those of the candidates that the robot may take; of random ones as many as are asked for, if a few rounds give them."""
+    q = _candidates(robot, errors, candidates, area, rng)
+    if allowed is None:
+        return q
+    kept = [q[allowed(robot, q)]]
+    if isinstance(candidates, int):
+        while sum(map(len, kept)) < candidates and len(kept) < _ROUNDS:
+            q = _candidates(robot, errors, candidates, area, rng)
+            kept.append(q[allowed(robot, q)])
+        return np.concatenate(kept)[:candidates]
+    return kept[0]
 
 
 def _require_no_touch(sensors: Sequence[SimulatedSensor]) -> None:

@@ -103,7 +103,7 @@ def robot_shapes(robot: Robot) -> Shapes:
     rig = {robot.rig.base, robot.rig.tip, *robot.rig.lasers} if robot.rig.lasers else set()
     drawn = {robot.model.frames[shape.parentFrame].name for shape in model.geometryObjects}
     simple = bare if drawn - rig else set(robot.tree.links)
-    _add_simple(robot, model, simple - rig, set(rig) - drawn)
+    add_simple(robot, model, simple - rig, set(rig) - drawn)
     _add_rails(robot, model, set(robot.tree.links) - drawn)
     frames = [robot.model.frames[shape.parentFrame] for shape in model.geometryObjects]
     own = tuple(frame.placement.actInv(shape.placement) for frame, shape in zip(frames, model.geometryObjects, strict=True))
@@ -198,7 +198,7 @@ def _remove_unreadable(root: etree._Element, reasons: _Reasons) -> set[str]:
     return bare
 
 
-def _add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:
+def add_simple(robot: Robot, model: Any, links: set[str], rig: set[str]) -> None:
     """Cylinders about joints, capsules between joints, and a box and barrels for a module and lasers without shapes."""
     import coal
 

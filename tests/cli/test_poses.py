@@ -1,0 +1,116 @@
+"""`urdfcal poses`: poses that the robot may take and that tell much, in an order to drive."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+import urdfcal
+from tests.conftest import CliResult
+from tests.support.paths import ROBOTS_DIR
+from urdfcal.cell.collisions import cell_of
+from urdfcal.planning.tour import on_the_way
+from urdfcal.robot.robot import load_robot
+
+Run = Callable[..., CliResult]
+PANDA = ROBOTS_DIR / "panda" / "panda.urdf.xacro"
+UR5 = ROBOTS_DIR / "ur5" / "ur5.urdf.xacro"
+POINT = ("--sensor", "point:tool0")
+FEW = ("--candidates", "150", "-n", "8")
+SCENE = "boxes: {table: {size_mm: [1600, 1600, 40], xyz_mm: [0, 0, -60]}}\nlink: panda_link0\n"
+
+
+def positions(path: Path) -> np.ndarray:
+    """The joints' columns."""
+    with path.open() as stream:
+        rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
+    return np.array([[float(value) for name, value in row.items() if name not in ("pose", "set")] for row in rows])
+
+
+def test_poses_are_free_and_so_is_the_way(run_cli: Run, tmp_path: Path) -> None:
+    """Above a table no pose and no step of a leg touches, looked at anew; the trajectory goes through all of them, in growing time."""
+    (tmp_path / "scene.yaml").write_text(SCENE)
+    done = run_cli(
+        "poses", PANDA, "-o", "p.csv", "--sensor", "point:panda_link8", *FEW, "--scene", "scene.yaml", "--trajectory", "t.yaml", "--json"
+    )
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["blocked"] == []
+    robot = urdfcal.plan_poses(load_robot(PANDA), candidates=10, n=2, sensors=["point:panda_link8"]).robot  # as the sensor sees it
+    cell = cell_of(robot, scene=tmp_path / "scene.yaml", clearance=0.0)
+    names = told["joints"]
+    trajectory = yaml.safe_load((tmp_path / "t.yaml").read_text())
+    points = np.array([point["positions"] for point in trajectory["points"]])
+    assert trajectory["joint_names"] == names
+    times = [point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in trajectory["points"]]
+    assert (np.diff(times) > 0).all()
+    for a, b in itertools.pairwise(points):
+        assert cell.free(on_the_way(a, b)).all()
+    assert np.allclose(positions(tmp_path / "p.csv"), told["poses"], atol=1e-6)
+    assert len(points) == 8 + sum(map(len, told["vias"].values()))
+
+
+def test_chosen_poses_tell_more_than_random_ones(run_cli: Run) -> None:
+    """The prediction after them is below that after as many random ones; each further pose makes it smaller; a fifth is to test on."""
+    done = run_cli("poses", UR5, "-o", "p.csv", *POINT, *FEW, "--no-collisions", "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    sigma = np.array(told["tool_sigma_mm"])
+    assert (np.diff(sigma) < 0).all()
+    assert sigma[-1] < 0.9 * told["at_random_mm"]
+    assert Path("p.csv").read_text().count(",test,") == 1
+
+
+def test_as_few_as_suffice(run_cli: Run) -> None:
+    """--until-mm stops where the prediction is there, and what was measured already counts."""
+    words = ("poses", UR5, *POINT, "--candidates", "150", "--no-collisions", "--until-mm", "0.3", "--json")
+    done = json.loads(run_cli(*words, "-o", "p.csv").out)
+    assert done["tool_sigma_mm"][-1] <= 0.3
+    assert len(done["poses"]) > 6
+    assert run_cli("simulate", UR5, "-o", "m.csv", *POINT, "--poses", "12").code == 0
+    further = json.loads(run_cli(*words, "-o", "q.csv", "--have", "m.csv").out)
+    assert len(further["poses"]) < len(done["poses"])
+
+
+def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
+    """With what was read in a pose written beside it, the file is measurements."""
+    assert run_cli("poses", UR5, "-o", "p.csv", *POINT, "--candidates", "60", "-n", "25", "--no-collisions").code == 0
+    lines = Path("p.csv").read_text().splitlines()
+    head, rows = lines[2], lines[3:]
+    model = load_robot(UR5).model
+    data, filled = model.createData(), []
+    for row in rows:
+        pin.framesForwardKinematics(model, data, np.array([float(value) for value in row.split(",")[2:]]))
+        filled.append(",".join([row, *map(repr, data.oMf[model.getFrameId("tool0")].translation.tolist())]))
+    Path("m.csv").write_text("\n".join([f"{head},tool0.x,tool0.y,tool0.z", *filled]))
+    done = run_cli("measurements", UR5, "m.csv")
+    assert done.code == 0, done.err
+    assert "25" in done.out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((*POINT, "-n", "5", "--until-mm", "1"), "-n and --until-mm both say how many poses"),
+        ((*POINT, "--no-collisions", "--scene", "s.yaml"), "--scene is for collisions, which --no-collisions leaves out"),
+        ((*POINT, "--scene", "none.yaml"), "none.yaml: cannot be read"),
+        (("--sensor", "socket:tool0"), "socket:tool0 touches"),
+        ((*POINT, "--scene", "full.yaml"), "random poses is free"),
+        ((*POINT, "--trajectory", "t.csv"), "t.csv"),
+    ],
+)
+def test_what_cannot_be_planned_is_refused(run_cli: Run, tmp_path: Path, words: tuple[str, ...], said: str) -> None:
+    """One line, exit code 2, nothing written."""
+    (tmp_path / "full.yaml").write_text("boxes: {wall: {size_mm: [9000, 9000, 9000]}}\nlink: world\n")
+    done = run_cli("poses", UR5, "-o", "p.csv", "--candidates", "40", *words)
+    assert said in done.err
+    assert done.code == 2
+    assert not (tmp_path / "p.csv").exists()

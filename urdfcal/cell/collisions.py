@@ -1,0 +1,221 @@
+"""At which poses a robot touches neither itself nor what stands around it, by coal through Pinocchio.
+
+Not looked at are links of one rigid body, neighbours (over links without a shape, too), pairs that an SRDF leaves out, and pairs that
+touch in every random pose, of which nothing would be left. Meshes are convex hulls, which are larger; two hulls that touch in every pose
+are taken as the meshes themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from lxml import etree
+
+from urdfcal.base.errors import RobotError, UsageError
+from urdfcal.base.geometry import MM, Mask, Matrix
+from urdfcal.base.reading import DESCRIPTION, content_of
+from urdfcal.cell.bodies import Bodies, bodies_of
+from urdfcal.cell.scene import add_scene
+from urdfcal.robot.configurations import WholeRobot, random_positions
+from urdfcal.robot.robot import Robot
+from urdfcal.robot.urdf_xml import read_xml
+
+CLEARANCE = 5 * MM
+_SAMPLES = 200  # random poses by which it is told which pairs always touch
+_Names = frozenset[str]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A robot among what stands around it.
+
+    Attributes:
+        robot: As the sensors see it.
+        model: A Pinocchio geometry model with the pairs that must not touch, meshes as their convex hulls.
+        exact: The same with meshes as they are, which is asked where hulls touch.
+        margins: How far those stay apart, [m].
+        warnings: What was left out, and what is not as the description has it.
+    """
+
+    robot: Robot
+    model: Any
+    exact: Any
+    margins: tuple[float, ...]
+    warnings: tuple[str, ...] = ()
+
+    def free(self, q: Matrix) -> Mask:
+        """At which positions of the measured joints (n, inputs) nothing touches, (n,)."""
+        whole = _whole(self.robot, q)
+        free = self._free(self.model, self._placed, whole)
+        touching = np.flatnonzero(~free)
+        free[touching] = self._free(self.exact, self._placed_exactly, whole[touching])
+        return free
+
+    def _free(self, shapes: Any, placed: Any, whole: Matrix) -> Mask:
+        model, data = self.robot.model, self._data
+        return np.array([not pin.computeCollisions(model, data, shapes, placed, row, True) for row in whole], dtype=bool)
+
+    @cached_property
+    def _data(self) -> Any:
+        return self.robot.model.createData()
+
+    def most_in_the_way(self, q: Matrix) -> str:
+        """Which two touch at most of these positions (n, inputs), in words; the empty string where none do."""
+        counts = _touching(self.robot, self.exact, self._placed_exactly, _whole(self.robot, q)).sum(axis=0)
+        if not counts.any():
+            return ""
+        return " and ".join(self._pair(int(np.argmax(counts))))
+
+    def _pair(self, index: int) -> tuple[str, str]:
+        pair, shapes = self.model.collisionPairs[index], self.model.geometryObjects
+        one, other = sorted((_owner(self.robot, shapes[pair.first]), _owner(self.robot, shapes[pair.second])))
+        return one, other
+
+    @cached_property
+    def _placed(self) -> Any:
+        return self._with_margins(self.model)
+
+    @cached_property
+    def _placed_exactly(self) -> Any:
+        return self._with_margins(self.exact)
+
+    def _with_margins(self, shapes: Any) -> Any:
+        placed = shapes.createData()
+        for index, margin in enumerate(self.margins):
+            placed.collisionRequests[index].security_margin = margin
+        return placed
+
+
+def cell_of(
+    robot: Robot,
+    *,
+    scene: str | Path | None = None,
+    srdf: str | Path | None = None,
+    clearance: float = CLEARANCE,
+    seed: int = 0,
+) -> Cell:
+    """A robot's cell.
+
+    Args:
+        robot: As the sensors see it.
+        scene: A scene.yaml, what stands around it.
+        srdf: Says of which pairs of links nobody need ask; by default the file of the description's name beside it.
+        clearance: How far all stay apart, [m].
+        seed: Of the random poses by which it is told which pairs always touch.
+
+    Raises:
+        RobotError: the shapes, or the SRDF, cannot be read.
+        RigError: the scene cannot be read.
+        UsageError: the clearance is none.
+    """
+    if not 0 <= clearance < 1:
+        raise UsageError(f"a clearance of {clearance / MM:g} mm: expected a number from 0 to 1000 mm")
+    bodies = bodies_of(robot)
+    if scene is not None:
+        add_scene(scene, robot, bodies)
+    beside = robot.description.path.with_suffix(".srdf")
+    srdf = srdf or (beside if beside.is_file() else None)
+    left_out = {*_neighbours(robot, bodies), *(_disabled(Path(srdf)) if srdf else ())}
+    model = bodies.model
+    for first, second in _pairs(robot, bodies, left_out):
+        model.addCollisionPair(pin.CollisionPair(first, second))
+    exact = _as_they_are(bodies)
+    poses = _whole(robot, random_positions(robot, _SAMPLES, np.random.default_rng(seed)))
+    always = _without_always(robot, bodies, exact, poses)
+    near = _touching(robot, exact, _with_margin(exact, clearance), poses).all(axis=0)
+    warnings = list(bodies.warnings)
+    if always:
+        warnings.append(f"not looked at are {'; '.join(always)}, which touch in each of {_SAMPLES} random poses")
+    return Cell(robot, model, exact, tuple(np.where(near, 0.0, clearance).tolist()), tuple(warnings))
+
+
+def _whole(robot: Robot, q: Matrix) -> Matrix:
+    return WholeRobot(robot, robot.chain.input_names).configurations(q)
+
+
+def _owner(robot: Robot, shape: Any) -> str:
+    """The link that a shape is of, or the name that it has in the scene."""
+    kind, _, name = shape.name.partition(".")
+    return name if kind in ("boxes", "cylinders", "planes", "meshes") else str(robot.model.frames[shape.parentFrame].name)
+
+
+def _pairs(robot: Robot, bodies: Bodies, left_out: set[_Names]) -> Iterable[tuple[int, int]]:
+    shapes, links = bodies.model.geometryObjects, bodies.links
+    for second in range(len(shapes)):
+        for first in range(second):
+            one, other = shapes[first], shapes[second]
+            names = frozenset(filter(None, (links.get(one.name), links.get(other.name))))
+            if one.parentJoint != other.parentJoint and names not in left_out:
+                yield first, second
+
+
+def _neighbours(robot: Robot, bodies: Bodies) -> Iterable[_Names]:
+    """Links with a shape and the next ones with a shape towards the root."""
+    shaped = set(bodies.links.values())
+    for link in shaped:
+        above = robot.tree.by_child.get(link)
+        while above is not None and above.parent not in shaped:
+            above = robot.tree.by_child.get(above.parent)
+        if above is not None:
+            yield frozenset((link, above.parent))
+
+
+def _disabled(path: Path) -> Iterable[_Names]:
+    """Pairs that an SRDF leaves out.
+
+    Raises:
+        RobotError: it is no XML.
+    """
+    try:
+        root = read_xml(content_of(path, DESCRIPTION, RobotError))
+    except etree.XMLSyntaxError as error:
+        raise RobotError(f"is no SRDF: {error}", path) from None
+    for pair in root.iter("disable_collisions"):
+        yield frozenset((pair.get("link1", ""), pair.get("link2", "")))
+
+
+def _with_margin(model: Any, margin: float) -> Any:
+    placed = model.createData()
+    for request in placed.collisionRequests:
+        request.security_margin = margin
+    return placed
+
+
+def _touching(robot: Robot, model: Any, placed: Any, poses: Matrix) -> Mask:
+    """Which pairs touch at configurations of the whole model, (n, pairs)."""
+    data, pairs = robot.model.createData(), range(len(model.collisionPairs))
+    found = np.zeros((len(poses), len(model.collisionPairs)), dtype=bool)
+    for row, pose in enumerate(poses):
+        pin.computeCollisions(robot.model, data, model, placed, pose, False)
+        found[row] = [placed.collisionResults[index].isCollision() for index in pairs]
+    return found
+
+
+def _as_they_are(bodies: Bodies) -> Any:
+    """The same shapes and pairs, meshes in place of their hulls."""
+    exact = pin.GeometryModel()
+    for shape in bodies.model.geometryObjects:
+        form = bodies.exact.get(shape.name, shape.geometry)
+        exact.addGeometryObject(pin.GeometryObject(shape.name, shape.parentJoint, shape.parentFrame, shape.placement, form))
+    for pair in bodies.model.collisionPairs:
+        exact.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+    return exact
+
+
+def _without_always(robot: Robot, bodies: Bodies, exact: Any, poses: Matrix) -> list[str]:
+    """Leave out pairs of the robot's own links that touch in every pose; their names. What stands around is never left out."""
+    touch = np.flatnonzero(_touching(robot, exact, exact.createData(), poses).all(axis=0)).tolist()
+    shapes, names = exact.geometryObjects, []
+    always = [exact.collisionPairs[index] for index in touch]
+    for first, second in [(pair.first, pair.second) for pair in always]:
+        if {shapes[first].name, shapes[second].name} <= bodies.links.keys():
+            for model in (bodies.model, exact):
+                model.removeCollisionPair(pin.CollisionPair(first, second))
+            names.append(" and ".join(sorted(_owner(robot, shapes[index]) for index in (first, second))))
+    return list(dict.fromkeys(names))
