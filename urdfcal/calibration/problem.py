@@ -361,7 +361,8 @@ class Problem:
     @cached_property
     def _axis_shares(self) -> Shares:
         """The same of each moving joint, (moving, m)."""
-        passed = np.array([np.arange(len(self.errors.chain.moving)) < frame.depth for frame in self.errors.chain.frames], dtype=float)
+        chain = self.errors.chain
+        passed = chain.passed[[frame.depth for frame in chain.frames]].astype(float)
         return Shares.of([self._against(passed, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
 
     @staticmethod
