@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_screw, six_screws, translation_screw
-from urdfcal.model.dh import DhRow, dh_table
+from urdfcal.model.dh import DhRow, dh_table, rows_of_limbs
 from urdfcal.model.parameters import Kind
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Rig
@@ -75,11 +75,11 @@ class _AxisTables:
 
     @cached_property
     def dh(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain)}
+        return {row.name: row for row in dh_table(self.chain)} | rows_of_limbs(self.chain)
 
     @cached_property
     def hayati(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain, hayati=True)}
+        return {row.name: row for row in dh_table(self.chain, hayati=True)} | rows_of_limbs(self.chain, hayati=True)
 
 
 def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:

@@ -209,6 +209,37 @@ class Chain:
         forward = [step.joint for step in self._trunk if step.forward]
         return [branch for branch in (backward, forward) if branch]
 
+    def limbs(self) -> list[list[UrdfJoint]]:
+        """Joints that lead to the end of each further branch, fixed ones included, in URDF direction from the first moving one on."""
+        above, found, covered = {joint.child: joint for joint in self.every_joint.values()}, list[list[UrdfJoint]](), set[str]()
+        for shoot in reversed(self.shoots):
+            joint: UrdfJoint | None = shoot.steps[-1].joint
+            if shoot.steps[-1].joint.name in covered:
+                continue
+            path = list[UrdfJoint]()
+            while joint is not None:
+                path.insert(0, joint)
+                joint = above.get(joint.parent)
+            path = path[next(index for index, own in enumerate(path) if own.moves) :]
+            covered |= {own.name for own in path}
+            found.append(path)
+        return found
+
+    def meetings(self, count: int) -> set[str]:
+        """Names of the moving joints next to links where branches meet, so many of each branch."""
+        branches = self.branches()
+        near = {joint.name for branch in branches for joint in branch[:count]} if len(branches) == 2 else set()
+        for body in (body for body in set(self.parents) if self.parents.count(body) > 1):
+            leads = np.flatnonzero(self.passed[body])
+            depth = self.passed.sum(axis=1) - len(leads)
+            behind = [joint for joint in range(len(self.moving)) if depth[joint + 1] <= count and self._leaves(joint, body)]
+            near |= {self.moving[joint].joint.name for joint in [*leads[-count:].tolist(), *behind]}
+        return near
+
+    def _leaves(self, joint: int, body: int) -> bool:
+        """Whether a moving joint is behind a body."""
+        return not self.passed[body, joint] and bool((self.passed[joint + 1] >= self.passed[body]).all())
+
     def new_model(self, bends: Sequence[Bend] = ()) -> tuple[Any, ModelLayout]:
         """A fresh Pinocchio model of the moving joints of the tree alone, with identity placements, standing on the screen.
 
