@@ -114,16 +114,20 @@ def _mount_slot(chain: Chain, rig: Rig, names: tuple[str, ...], screws: Matrix) 
 
 
 def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
-    """The placement of the measuring frame, and the offset of every target on its link."""
+    """The placement of every measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     taken = {step.joint.name for step in chain.moving} | ({rig.base} if rig.lasers else set())  # by joints and the screen
-    own = f"{seen.reference}:frame" if seen.reference in taken else seen.reference
-    slots = [Slot(own, "reference", SIX, six_screws(), (), frame=0)] if seen.placed else []
+    slots = [
+        Slot(f"{own.name}:frame" if own.name in taken else own.name, "reference", SIX, six_screws(), (), frame=index)
+        for index, own in enumerate(seen.every)
+        if own.placed
+    ]
     places: dict[str, list[int]] = {}
-    for index, target in enumerate(seen.targets, start=1):
+    first_target = len(seen.every)
+    for index, target in enumerate(seen.targets, start=first_target):
         places.setdefault(target.placed_by, []).append(index)
     for label, (first, *others) in places.items():
-        target = seen.targets[first - 1]
+        target = seen.targets[first - first_target]
         names = SIX if target.board else target.offset
         screws = six_screws()[:, [SIX.index(name) for name in names]]
         slots.append(Slot(label, "target", names, screws, (), frame=first, also=tuple(others)))

@@ -33,7 +33,14 @@ _PLACES = "places"
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
-def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None) -> Matrix:
+def _several_ends(chain: Chain) -> bool:
+    """Whether there is more than one way from what sees to what is seen."""
+    return bool(chain.shoots) or len(chain.instrument_frames) > 1
+
+
+def full_pose_jacobian(
+    chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None, pairs: Sequence[tuple[int, int]] = ()
+) -> Matrix:
     """Twists of the module against the screen per parameter at random configurations, (6 CONFIGURATIONS, p).
 
     Where further branches leave the way, twists of the end of each against what it is seen from, one below the other.
@@ -44,10 +51,11 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
     q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
     motion = arm_motion(errors, q, np.zeros(len(errors.names)), errors.sessions[0])
-    if not chain.shoots:
+    if not _several_ends(chain):
         return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
     moves = errors.moves(errors.sessions[0]).astype(float)
-    ends = [moves[index] - moves[chain.measuring_frame] for index, frame in enumerate(chain.frames) if frame.role == "target"]
+    targets = [index for index, frame in enumerate(chain.frames) if frame.role == "target"]
+    ends = [moves[targets[target]] - moves[instrument] for target, instrument in pairs or [(own, 0) for own in range(len(targets))]]
     ends += [moves[laser] for laser in chain.laser_frames[:1]]
     jac1 = motion.jac1.reshape(6 * CONFIGURATIONS, -1)
     return np.concatenate([jac1 * end for end in np.unique(ends, axis=0)])
@@ -93,7 +101,7 @@ def enter(
         range(len(offered)),
         key=lambda column: (resort.get(offered[column].name, 0), *_rank_order(chain, offered[column], screen_first=automatic)),
     )
-    jacobian = full_pose_jacobian(chain, errors)
+    jacobian = full_pose_jacobian(chain, errors, pairs=rig.instruments.pairs)
     if automatic and _unplaced(rig, free):  # places that were found from nothing stand for the placement of everything, as a frame does
         anywhere = np.tile(np.eye(6), (len(jacobian) // 6, 1))
         offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
@@ -143,7 +151,7 @@ def _moves_module(chain: Chain, rig: Rig, slot: Slot) -> bool:
 
     Where further branches leave the way, every target is one that is measured.
     """
-    if slot.frame is None or chain.shoots:
+    if slot.frame is None or _several_ends(chain):
         return slot.kind != "beam"
     farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.tip), "")
     return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)

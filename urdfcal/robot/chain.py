@@ -150,8 +150,17 @@ class Chain:
 
     @property
     def measuring_frame(self) -> int:
-        """Which of the frames targets are seen from."""
+        """Which of the frames targets are seen from, where nothing else is said."""
         return 0
+
+    def seen_from(self, instrument: str) -> int:
+        """Which of the frames an instrument's is; the first one's for the empty string."""
+        return self.frame_index("reference", instrument) if instrument else self.measuring_frame
+
+    @cached_property
+    def instrument_frames(self) -> list[int]:
+        """Which of the frames are instruments', in order."""
+        return [index for index, frame in enumerate(self.frames) if frame.role == "reference"]
 
     def frame_index(self, role: Role, name: str) -> int:
         """Which of the frames one is."""
@@ -246,7 +255,8 @@ class Chain:
         Args:
             bends: Axes about which joints give way; each becomes a joint of its own on the far side of its joint's motion.
         """
-        model, first, motion, last, bend = pin.Model(), [], [], [], [0] * len(bends)
+        model, bend = pin.Model(), [0] * len(bends)
+        first, motion, last = list[int](), list[int](), list[int]()
         for index, step in enumerate(self.moving):
             own = [number for number, each in enumerate(bends) if each.joint == index]
             first.append(model.njoints)
@@ -281,9 +291,7 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         coupling[list(inputs).index(joint.name), column] = sign * multiplier
         offset[column] = sign * shift
     lasers = tuple(tuple(_below(tree, rig.tip, laser)) for laser in rig.lasers)
-    return Chain(
-        steps, lasers, tuple(inputs.values()), coupling, offset, (*frames, *_laser_frames(steps, lasers)), tuple(growth.shoots)
-    )
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, (*frames, *_laser_frames(steps, lasers)), tuple(growth.shoots))
 
 
 def _require_calibrable(tree: UrdfTree, steps: Sequence[Step], start: str, end: str) -> None:
@@ -346,7 +354,9 @@ class _Growth:
 def _target_frames(rig: Rig, growth: _Growth) -> Iterator[ChainFrame]:
     """The measuring frame and the targets, each on the body that carries it."""
     instruments, origin = rig.instruments, (0.0, 0.0, 0.0)
-    named: list[tuple[Role, str, str, tuple[float, float, float]]] = [("reference", instruments.reference, instruments.reference, origin)]
+    named: list[tuple[Role, str, str, tuple[float, float, float]]] = [
+        ("reference", own.name, own.link, origin) for own in instruments.every
+    ]
     named += [("target", target.name, target.link, target.at) for target in instruments.targets]
     for role, name, link, at in named if instruments.targets else ():
         body, steps = growth.reach(link)
