@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.optimize import least_squares
 
+from tests.conftest import CliResult
 from urdfcal.api import fit, load_robot, measurements_from
 from urdfcal.base.errors import MeasurementError
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.result import FitResult
+from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot
+from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.vision.camera.camera_file import camera_yaml
 
 JOINTS = ("lift", "turn", "left_1", "left_2", "left_3", "right_1", "right_2", "right_3", "head_1", "head_2")
 TYPES = {"lift": "prismatic"}
@@ -48,6 +54,7 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
             f'<joint name="{name}" type="{TYPES.get(name, "revolute")}"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-1.5" upper="1.5" effort="1" velocity="1"/></joint>'
         )
+    text += '<link name="plate"/><joint name="screws" type="fixed"><parent link="left_hand"/><child link="plate"/></joint>'
     path = tmp_path_factory.mktemp("tree") / "tree.urdf"
     path.write_text(f'<robot name="tree">{text}</robot>')
     return load_robot(path)
@@ -197,3 +204,46 @@ def test_an_unknown_instrument_is_refused(robot: Robot) -> None:
     table = {**{name: [0.1] for name in JOINTS}, **{f"left_hand@lieca.{axis}": [0.1] for axis in "xyz"}}
     with pytest.raises(MeasurementError, match=r"no instrument named 'lieca'.*did you mean 'leica'"):
         measurements_from(robot, table, stations=STATIONS)
+
+
+def test_two_cameras_and_a_tracker_in_one_file(robot: Robot, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
+    """A fixed and a carried camera, each with its own lens, see a board in one hand that a tracker sees too: pixels come down to their noise."""
+    rng, grid = np.random.default_rng(3), Grid(4, 3, 0.04)
+    size = np.repeat([1 * MM, 0.1 * DEG], 3)
+    cell = cell_with(robot, (rng.normal(0, 1, (len(TREE), 6)) * size).ravel(), rng.normal(0, 0.05, 24))
+    middle = np.array([0.1, 0.1, 0.3, 0.5, -0.3, 0.2, 0.2, 0.1, 0.4, 0.2])
+    board = cell.where(middle, "left_hand") * cell.on["left_hand"]
+    lenses = {"near": camera_of(900.0), "eye": camera_of(1300.0)}
+    views = {"near": ("base", np.array([0.3, 0.2, 0.1]), 0.7), "eye": ("head", np.array([-0.2, 0.3, 0.4]), 1.0)}
+    on = {}
+    for name, (link, turn, far) in views.items():
+        T_camera_board = pin.SE3(pin.exp3(turn), np.array([-0.06, -0.04, far]))
+        on[name] = cell.where(middle, link).actInv(board * T_camera_board.inverse())
+    q = middle + rng.uniform(-0.25, 0.25, (50, len(middle)))
+    table: dict[str, object] = {name: q[:, robot.model.joints[robot.model.getJointId(name)].idx_q] for name in JOINTS[:5] + JOINTS[8:]}
+    for name, (link, *_) in views.items():
+        seen = [(cell.where(row, link) * on[name]).actInv(cell.where(row, "left_hand") * cell.on["left_hand"]) for row in q]
+        for corner in range(grid.corners):
+            at = np.array(grid.at(corner))
+            pixels = lenses[name].project(np.array([pose.act(at) for pose in seen])) + rng.normal(0, 0.1, (len(q), 2))
+            table |= {f"plate:{corner}@{name}.u": pixels[:, 0], f"plate:{corner}@{name}.v": pixels[:, 1]}
+    points = np.array([cell.seen(row, "left_hand", "leica").translation for row in q]) + rng.normal(0, LENGTH, (len(q), 3))
+    table |= {f"left_hand@leica.{axis}": column for axis, column in zip("xyz", points.T, strict=True)}
+    names = list(table)
+    lines = [",".join(names), *(",".join(f"{table[name][row]:.9g}" for name in names) for row in range(len(q)))]  # type: ignore[index]
+    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    for name, lens in lenses.items():
+        (tmp_path / f"{name}.yaml").write_bytes(camera_yaml(lens))
+    instruments = "{near: {link: base, camera: near.yaml}, eye: {link: head, camera: eye.yaml}, leica: {}}"
+    (tmp_path / "rig.yaml").write_text(f"boards: {{plate: '4x3:40mm'}}\ninstruments: {instruments}\n")
+    done = run_cli("fit", str(robot.description.path), "m.csv", "--rig", "rig.yaml", "-o", "out.urdf", "--json")
+    assert done.code == 0, done.err
+    after = {name: row["mean_px"] for name, row in json.loads(done.out)["after"].items() if "mean_px" in row}
+    assert set(after) == {"plate@near pixels", "plate@eye pixels"}
+    assert max(after.values()) < 0.16
+    assert run_cli("view", str(robot.description.path), "m.csv", "--rig", "rig.yaml", "--html", "view.html").code == 0
+
+
+def camera_of(focal: float) -> Camera:
+    """A camera with a lens of its own."""
+    return Camera((1280, 960), np.array([[focal, 0, 640.0], [0, focal, 480.0], [0, 0, 1]]), np.array([-0.1, 0.02, 0, 0, 0]))
