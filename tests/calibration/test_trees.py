@@ -207,7 +207,7 @@ def test_an_unknown_instrument_is_refused(robot: Robot) -> None:
 
 
 def test_two_cameras_and_a_tracker_in_one_file(robot: Robot, run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
-    """A fixed and a carried camera, each with its own lens, see a board in one hand that a tracker sees too: pixels come down to their noise."""
+    """A fixed and a carried camera, each with its lens, see a board in a hand that a tracker sees too: pixels come down to their noise."""
     rng, grid = np.random.default_rng(3), Grid(4, 3, 0.04)
     size = np.repeat([1 * MM, 0.1 * DEG], 3)
     cell = cell_with(robot, (rng.normal(0, 1, (len(TREE), 6)) * size).ravel(), rng.normal(0, 0.05, 24))

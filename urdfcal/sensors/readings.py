@@ -153,7 +153,7 @@ def instruments_of(
     before_screen = any(place.kind == "camera" for reading in readings for place in reading.kind.places(reading.target, reading.touched))
     return Instruments(
         tuple(targets.values()),
-        first.link if first.name else reference,
+        (first.link or reference) if first.name else reference,
         first.placed,
         tuple(places.values()),
         _camera_sigma(camera) if before_screen else (),
