@@ -13,16 +13,20 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 import typer
 
 import urdfcal
 from tests.conftest import CliResult
+from tests.support.meshes import STL
 from tests.support.paths import ROOT
 from urdfcal.calibration.asking.stands_out import WORDS, StandsOut
 from urdfcal.calibration.rig_file import RigFile, read_rig_file
+from urdfcal.cell.collisions import cell_of
 from urdfcal.cli.main import app
 from urdfcal.model.gauge import build_error_model
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.robot import Robot
 from urdfcal.vision.camera.camera_file import read_camera
 from urdfcal.vision.camera.markers import read_screen_markers
@@ -100,6 +104,15 @@ def test_the_screen_block_is_taken(block: str, tmp_path: Path) -> None:
     """The screen.yaml that is shown is read."""
     (tmp_path / "screen.yaml").write_text(block)
     assert len(read_screen_markers(tmp_path / "screen.yaml").centres) == 4
+
+
+@pytest.mark.parametrize("block", blocks("yaml scene.yaml"))
+def test_scene_blocks_are_taken(block: str, tmp_path: Path, robots: dict[str, Robot]) -> None:
+    """The scene.yaml that is shown stands around a UR5."""
+    (tmp_path / "scene.yaml").write_text(block)
+    (tmp_path / "fixture.stl").write_text(STL)
+    free = cell_of(robots["ur5"], scene=tmp_path / "scene.yaml").free(random_positions(robots["ur5"], 40, np.random.default_rng(0)))
+    assert 0 < free.sum() < 40
 
 
 @pytest.mark.parametrize("block", blocks("yaml camera.yaml"))

@@ -48,6 +48,7 @@ from urdfcal.robot.robot import Robot, with_text
 from urdfcal.robot.robot import load_robot as read_robot
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
+from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.in_memory import measurements_from
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
@@ -77,6 +78,7 @@ __all__ = [
     "PriorScale",
     "Robot",
     "Simulation",
+    "Stations",
     "StoredCalibration",
     "UrdfcalError",
     "UsageError",

@@ -226,7 +226,7 @@ def test_a_board_calibrates_the_arm(robots: dict[str, Robot], camera: Camera, rn
     errors = build_error_model(seen.chain, seen.rig)
     joints = np.array([parameter.kind == "joint" for parameter in errors.parameters])
     x = np.where(joints, rng.normal(0, 1, len(joints)) * np.where(np.array(errors.units) == "m", 1e-3, 2e-3), 0.0)
-    R, b = _nominal(errors, q[:1], f"{board}:0", "")
+    R, b = _nominal(errors, q[:1], f"{board}:0", 0, "")
     offset = pin.SE3(pin.exp3(np.array([0.2, -0.1, 0.3])), np.array([0.05, 0.02, 0.04]))
     ahead = pin.SE3(pin.exp3(np.array([0.3, 0.2, 0.1])), np.array([0.0, 0.0, 0.9]))  # the board before the camera at the first pose
     frames = {"target": offset, "reference": pin.SE3(R[0], b[0]) * offset * ahead.inverse()}

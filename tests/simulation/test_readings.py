@@ -13,7 +13,7 @@ import yaml
 from tests.conftest import CliResult
 from tests.support.paths import ROBOTS_DIR
 from tests.support.sensor_cases import CASES, NOISE, SensorCase, setup_of
-from urdfcal.base.errors import RigError, UsageError
+from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.rotations import matrices, rotation_vectors
 from urdfcal.calibration.error_table import error_table
@@ -154,11 +154,12 @@ def test_known_lengths_are_written_into_the_comments(run_cli: Run, tmp_path: Pat
     assert "touches alone" not in scaled.err
 
 
-def test_sensors_are_refused_together_before_any_pose_is_drawn(robots: dict[str, Robot]) -> None:
-    """Targets that no one chain leads to are refused when the robot is seen with them."""
+def test_targets_on_two_branches_are_seen_together(robots: dict[str, Robot]) -> None:
+    """Targets on both sides of what sees them make a tree, in which every joint between them is once."""
     sensors, _ = parse_sensors(["point:panda_link0", "point:panda_link8"], robots["panda"], 1)
-    with pytest.raises(RigError, match="must lie on one chain of joints"):
-        seen_with(robots["panda"], sensors, "panda_link5")
+    chain = seen_with(robots["panda"], sensors, "panda_link5").chain
+    assert sorted(step.joint.name for step in chain.moving) == [f"panda_joint{number}" for number in range(1, 8)]
+    assert len(chain.shoots) == 2
 
 
 def test_a_table_of_perfect_readings_is_zero(robots: dict[str, Robot], rng: np.random.Generator) -> None:

@@ -221,6 +221,8 @@ def _require_same_instruments(calibration: FitResult, test: Measurements) -> Non
     """
     known = {frame.name for frame in calibration.errors.chain.frames if frame.role == "target"}
     strange = [target.name for target in test.instruments.targets if target.name not in known]
+    sees = {reading.instrument for reading in calibration.data.readings}
+    strange += sorted({reading.instrument for reading in test.readings} - sees)
     fitted = calibration.data
     other_camera = test.corrects_camera and not fitted.corrects_camera
     if test.joints != fitted.joints or test.lasers != fitted.lasers or other_camera:
@@ -238,12 +240,13 @@ def _require_placed(calibration: FitResult, test: Measurements) -> None:
     """
     told = {slot.label: set(slot.names) for slot in calibration.errors.slots if slot.kind == "target"}
     labels = {target.name: target.placed_by for target in test.instruments.targets}
-    no_frame = test.instruments.placed and not calibration.data.instruments.placed
+    placed = {own.name for own in calibration.data.instruments.every if own.placed}
+    no_frame = {own.name for own in test.instruments.every if own.placed} - placed
     for reading in (reading for reading in test.readings if not reading.kind.beam and reading.seen.any()):
         what = ""
         if not set(reading.kind.offset) <= told.get(labels[reading.target], set(SIX)):
             what = f"how {reading.target} is turned on its link"
-        elif no_frame and reading.kind.seen_from == "frame":
+        elif reading.kind.seen_from == "frame" and (reading.instrument or test.instruments.every[0].name) in no_frame:
             what = "where the measuring frame stands"
         if what:
             raise UsageError(

@@ -209,11 +209,12 @@ class Problem:
         at = progress(data, self.errors.rig.courses) if self.errors.rig is not None else {}
         for reading in data.readings:
             sensor = data.sensor_of(reading)
-            name = reading.link if reading.link in data.boards else reading.target
+            name = reading.label.replace(reading.target, reading.link) if reading.link in data.boards else reading.label
             columns = slice(first, first + sensor.numbers)
             block = Block(f"{name} {sensor.title}".strip(), columns, data.kinds.index(sensor.noise), sensor.words.unit)
             target = chain.frame_index(sensor.role, reading.target)
-            yield Channel(reading, sensor, target, None if sensor.seen_from == "screen" else chain.measuring_frame, self.errors, block, at)
+            frame = None if sensor.seen_from == "screen" else chain.seen_from(reading.instrument)
+            yield Channel(reading, sensor, target, frame, self.errors, block, at)
             first = columns.stop
 
     @cached_property
@@ -361,7 +362,8 @@ class Problem:
     @cached_property
     def _axis_shares(self) -> Shares:
         """The same of each moving joint, (moving, m)."""
-        passed = np.array([np.arange(len(self.errors.chain.moving)) < frame.depth for frame in self.errors.chain.frames], dtype=float)
+        chain = self.errors.chain
+        passed = chain.passed[[frame.depth for frame in chain.frames]].astype(float)
         return Shares.of([self._against(passed, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
 
     @staticmethod

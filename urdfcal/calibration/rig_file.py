@@ -10,6 +10,7 @@ Every entry may be missing:
     noise: {spot_mm: 1.0, joint_deg: 0.05, point_mm: 0.1}  # also orientation_deg, distance_mm, inclination_deg ...
     priors: {joint: '1mm,0.1deg', mount: '20mm,2deg', screen: flat}
     reference: tracker                 # link that points and orientations are measured from
+    instruments: {head: {link: head_camera, camera: head.yaml}, leica: {}}  # what columns such as hand@head.u, hand@leica.x name
     reference_known: false             # whether they are measured in that link's own frame
     target_known: false                # whether what is measured is the targets' links themselves
     target: tool0                      # link of figaroh's columns x1, y1 ...
@@ -110,6 +111,13 @@ class SocketsEntry(_Strict):
     distances_mm: dict[str, Positive] = {}
 
 
+class InstrumentEntry(_Strict):
+    """Something that readings name: the link that it stands on, and its camera.yaml if it sees in pixels."""
+
+    link: str = ""
+    camera: str = ""
+
+
 class RigFile(_Strict):
     """The whole file; every entry may be missing."""
 
@@ -123,6 +131,7 @@ class RigFile(_Strict):
     beams: dict[str, tuple[Finite, Finite, Finite]] = {}
     parameters: dict[str, ParameterEntry] = {}
     reference: str | None = None
+    instruments: dict[str, InstrumentEntry] = {}
     reference_known: bool = False
     target_known: bool = False
     target: str | None = None
@@ -234,12 +243,21 @@ def read_rig_file(path: str | Path) -> RigFile:
     if not isinstance(file.content, dict):
         raise RigError(f"holds a {type(file.content).__name__}, expected entries such as `screen: wall`", path, file.line())
     try:
-        return RigFile.model_validate(file.content)
+        return _beside(RigFile.model_validate(file.content), Path(path).parent)
     except ValidationError as error:
         if (kind := kind_of(file.content)) not in ("", RIG):
             raise RigError(f"is no rig file: it is {kind}", path) from None
         found = error.errors()[0]
         raise RigError(in_words(found, _entries), path, file.line(found["loc"])) from None
+
+
+def _beside(rig: RigFile, folder: Path) -> RigFile:
+    """The same with its cameras' files as they are seen from here: they are stated as seen from the file's own folder."""
+    own = {
+        name: entry.model_copy(update={"camera": str(folder / entry.camera)}) if entry.camera else entry
+        for name, entry in rig.instruments.items()
+    }
+    return rig.model_copy(update={"instruments": own}) if own else rig
 
 
 def in_words(found: Mapping[str, Any], known: Callable[[list[str]], list[str]]) -> str:
@@ -259,5 +277,10 @@ def in_words(found: Mapping[str, Any], known: Callable[[list[str]], list[str]]) 
 
 def _entries(steps: list[str]) -> list[str]:
     """The entries that the file may have at some place."""
-    kinds: dict[str, type[BaseModel]] = {"noise": NoiseEntry, "parameters": ParameterEntry, "sockets": SocketsEntry}
+    kinds: dict[str, type[BaseModel]] = {
+        "noise": NoiseEntry,
+        "parameters": ParameterEntry,
+        "instruments": InstrumentEntry,
+        "sockets": SocketsEntry,
+    }
     return list(kinds.get(steps[0] if steps else "", RigFile).model_fields)

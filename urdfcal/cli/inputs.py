@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from urdfcal.robot.robot import Robot
     from urdfcal.robot.sheet import ScreenArea
     from urdfcal.robot.xacro_child import XacroLimit
+    from urdfcal.sensors.columns import Stations
     from urdfcal.sensors.measurements import Measurements
 
 
@@ -146,7 +147,9 @@ def measured(
     if target is not None:
         robot.tree.require_link(target)
     require_boards(robot, rig)
-    data = read_measurements(path, robot, reference=reference, target=target, camera=camera_of(camera), boards=rig.grids() if rig else {})
+    seen_by, stations = camera_of(camera), stations_of(robot, rig)
+    boards = rig.grids() if rig else {}
+    data = read_measurements(path, robot, reference=reference, target=target, camera=seen_by, boards=boards, stations=stations)
     if rig is not None:
         data = replace(data, lengths=known_lengths(rig.lengths(), data.readings))
     if target is not None and not (rig and rig.target) and target not in {reading.link for reading in data.readings}:
@@ -156,6 +159,22 @@ def measured(
     if camera is not None and not any(reading.kind.by_camera for reading in data.readings):
         raise UsageError(f"--camera {camera}: {path} has no columns in pixels (.u .v) that it could be for")
     return as_measured(robot, data), data
+
+
+def stations_of(robot: Robot, rig: RigFile | None) -> Stations:
+    """The instruments of a rig.yaml with their cameras; a name that is a link's stands on that unless another one is stated.
+
+    Raises:
+        RobotError: an instrument stands on no link of the robot.
+        CameraError: a camera's file cannot be read.
+    """
+    from urdfcal.sensors.columns import Stations
+
+    entries = rig.instruments if rig is not None else {}
+    links = {name: entry.link or (name if name in robot.tree.links else "") for name, entry in entries.items()}
+    for link in filter(None, links.values()):
+        robot.tree.require_link(link)
+    return Stations(links, {name: camera_of(Path(entry.camera)) for name, entry in entries.items() if entry.camera})
 
 
 def require_boards(robot: Robot, rig: RigFile | None) -> None:

@@ -115,9 +115,23 @@ def table_with_slides(chain: Chain, hayati: bool = False) -> list[DhRow]:
     return rows
 
 
+def rows_of_limbs(chain: Chain, hayati: bool = False) -> dict[str, DhRow]:
+    """Lines of the turning joints of further branches by name, each behind those that lead to it in URDF direction."""
+    moving, on_way = set(chain.every_joint), {joint.name for branch in chain.branches() for joint in branch}
+    rows = [row for path in chain.limbs() for row in _rows(path, True, hayati) if row.direction is None]
+    return {row.name: row for row in rows if row.name in moving and row.name not in on_way}
+
+
 def _branch_rows(chain: Chain, branch: list[UrdfJoint], hayati: bool) -> list[DhRow]:
-    axes, names, slides = _axes_at_zero(chain, branch)
-    turning = sum(joint.moves and not joint.prismatic for joint in branch)
+    forward = {step.joint.name: step for step in chain.steps}[branch[0].name].forward
+    ordered = [step.joint for step in (chain.steps if forward else chain.steps[::-1]) if step.forward == forward]
+    return _rows(ordered[ordered.index(branch[0]) :], forward, hayati)  # fixed joints before the first moving one do not count
+
+
+def _rows(ordered: list[UrdfJoint], ends: bool, hayati: bool) -> list[DhRow]:
+    """Lines of joints in their order; where the branch ends in a link that matters, a last one for that."""
+    axes, names, slides = _axes_at_zero(ordered, ends)
+    turning = sum(joint.moves and not joint.prismatic for joint in ordered)
     tilted = [hayati] * turning + [True] * (len(names) - turning)  # a module nearly parallel to the last axis has no useful normal either
     normals: list[_Normal] = []
     for index, tilts in enumerate(tilted):
@@ -145,12 +159,8 @@ def _slide_row(slide: _Slide, z: Vector, x_axes: list[Vector]) -> DhRow:
     return DhRow(slide.name, **zeros, parallel=False, behind_slide=False, screws={}, direction=np.round(direction, 15) + 0.0)
 
 
-def _axes_at_zero(chain: Chain, branch: list[UrdfJoint]) -> tuple[list[_Axis], list[str], list[_Slide]]:
+def _axes_at_zero(ordered: list[UrdfJoint], ends: bool) -> tuple[list[_Axis], list[str], list[_Slide]]:
     """The z axis of the link that the branch hangs on, its turning joints and, on the module's side, the module's z; its slides beside."""
-    way = {step.joint.name: step for step in chain.steps}
-    forward = way[branch[0].name].forward
-    ordered = [step.joint for step in (chain.steps if forward else chain.steps[::-1]) if step.forward == forward]
-    ordered = ordered[ordered.index(branch[0]) :]  # fixed joints before the first moving one do not count
     frame = pin.SE3.Identity()
     axes, names, slid = [_Axis(frame, frame.rotation[:, 2], frame.translation)], [], False
     slides: list[_Slide] = []
@@ -162,7 +172,7 @@ def _axes_at_zero(chain: Chain, branch: list[UrdfJoint]) -> tuple[list[_Axis], l
         elif joint.moves:
             slides.append(_Slide(joint.name, len(axes), frame.rotation @ np.array(joint.axis)))
         slid = joint.prismatic or (slid and not joint.moves)
-    if forward:
+    if ends:
         axes.append(_Axis(frame, frame.rotation[:, 2], frame.translation))
         names.append(ordered[-1].child)
     return axes, names, slides

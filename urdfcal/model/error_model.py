@@ -152,21 +152,28 @@ class ErrorModel:
                 moving.append(Stretch(len(moving)))
             else:
                 self._pass(station, moving[-1], session)
+        del moving[-1]  # what lies behind the last motion leads to frames
+        for shoot, way in zip(self.chain.shoots, self._shoot_ways, strict=True):
+            moving.append(Stretch(shoot.body))
+            for station in way:
+                self._pass(station, moving[-1], session)
         for stretch, way in zip(frames, self._frame_ways, strict=True):
             for station in way:
                 self._pass(station, stretch, session)
-        stretches = [*moving[:-1], *frames]
+        stretches = [*moving, *frames]
         anchors, moves = np.zeros(len(self.parameters), dtype=np.intp), np.zeros((len(frames), len(self.parameters)), dtype=bool)
         for stretch in stretches:
             anchors[stretch.columns] = stretch.anchor
-        on_way = [column for stretch in moving[:-1] for column in stretch.columns]
+        leads = [(column, joint) for joint, stretch in enumerate(moving) for column in stretch.columns]
         for column, joint in self._soft_columns:  # what they do is no constant: it comes with the poses
             anchors[column] = joint
-            on_way.append(column)
-        for row, (frame, stretch) in enumerate(zip(self.chain.frames, frames, strict=True)):
-            moves[row, on_way] = anchors[on_way] < frame.depth
+            leads.append((column, joint))
+        passed = self.chain.passed[[frame.depth for frame in self.chain.frames]]
+        for column, joint in leads:
+            moves[:, column] |= passed[:, joint]
+        for row, stretch in enumerate(frames):
             moves[row, stretch.columns] = True
-        return Walk(stretches, len(moving) - 1, anchors, moves)
+        return Walk(stretches, len(moving), anchors, moves)
 
     def _pass(self, station: _Station, stretch: Stretch, session: str) -> None:
         """Lengthen a stretch by what is passed."""
@@ -238,6 +245,16 @@ class ErrorModel:
         return [(self.column[term.name], term.joint) for term in terms if term.name in self.column]
 
     @cached_property
+    def _shoot_ways(self) -> list[list[_Station]]:
+        """From behind the motion that leads to its body to before the motion of each joint of further branches."""
+        ways = []
+        for shoot in self.chain.shoots:
+            *steps, last = shoot.steps
+            steps += [last] if last.forward else []
+            ways.append([station for step in steps for station in self._stations(step, moving=False)])
+        return ways
+
+    @cached_property
     def _frame_ways(self) -> list[list[_Station]]:
         """From behind the motion that carries it to each of the chain's frames."""
         ways = []
@@ -272,7 +289,7 @@ class ErrorModel:
             product(exponentials(slot.screws, values))
             for slot, values in zip(self.slots, self.slot_values(x, self.sessions[0]), strict=True)
         ]
-        joints = {step.joint.name: step.joint for step in self.chain.steps}
+        joints = dict(self.chain.every_joint)
         joints |= {joint.name: joint for way in self.chain.laser_joints for joint in way}
         touched = {joint for slot in self.slots if self._has_estimated(slot) for joint in slot.joints}
         origins: dict[str, SE3] = {}
@@ -291,7 +308,7 @@ class ErrorModel:
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """The moving joints on the way."""
+        """The moving joints on the way and on further branches."""
         return tuple(step.joint.name for step in self.chain.moving)
 
     @cached_property

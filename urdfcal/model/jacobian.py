@@ -96,8 +96,9 @@ class ArmMotion:
         by_parameter, by_element = np.zeros((len(walk.anchors) + more, m, n)), np.empty((len(arm.elements), m, n))
         here = np.ascontiguousarray(g.transpose(2, 1, 0)).reshape(6, m * n)
         self._meet(by_parameter, here, 0)
+        kept = {-1: here} if arm.forks else {}
         for number, (element, action) in enumerate(zip(arm.elements, self.placed.actions, strict=True)):
-            here = action @ here
+            here = action @ (here if arm.before[number] == number - 1 else kept[arm.before[number]])
             halves = here.reshape(2, 3, m, n)
             if element.slides:
                 slide = posture.q[number]
@@ -109,6 +110,8 @@ class ArmMotion:
                 by_element[number] = halves[0 if element.slides else 1, 2]
             if arm.last[element.joint + 1] == number:
                 self._meet(by_parameter, here, element.joint + 1)
+            if number in arm.forks:
+                kept[number] = here
         if self.yielding is not None:
             self._yield(by_parameter, by_element, self.yielding)
         return by_parameter, by_element[arm.own] if axes else by_element[:0]
@@ -131,8 +134,8 @@ class ArmMotion:
     def axis_derivatives(self, g: Array3, target: int, frame: int) -> Array3:
         """Derivatives by every measured joint, (n, m, inputs), of numbers that one of the chain's frames has in another; g as above."""
         chain, by_axis = self.placed.arm.chain, self.derivatives(g)[1]
-        between, number = [chain.frames[index].depth for index in (frame, target)], np.arange(len(by_axis))[:, None, None]
-        return self.by_inputs(by_axis * ((number < between[1]).astype(float) - (number < between[0])))
+        there, here = (chain.passed[chain.frames[index].depth].astype(float) for index in (target, frame))
+        return self.by_inputs(by_axis * (there - here)[:, None, None])
 
     def by_inputs(self, by_axis: Array3) -> Array3:
         """Derivatives by every measured joint, (n, m, inputs), from those by the moving joints, (moving, m, n)."""

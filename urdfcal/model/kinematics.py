@@ -52,6 +52,8 @@ class ArmKinematics:
         elements: Every motion, in order of the way.
         own: Of each moving joint, the element that is its own motion, (moving,).
         last: Of each body, the element behind which it follows; -1 for the screen, (moving + 1,).
+        firsts: Of each moving joint the element that carries its placement, (moving,).
+        before: Of each element the one that it follows; -1 for the screen, (elements,).
     """
 
     def __init__(self, chain: Chain, bends: Sequence[Bend] = ()) -> None:
@@ -60,6 +62,10 @@ class ArmKinematics:
         self.own = np.array([number for number, element in enumerate(self.elements) if element.bend < 0], dtype=np.intp)
         joints = [element.joint for element in self.elements]
         self.last = [-1, *(number for number, joint in enumerate(joints) if number + 1 == len(joints) or joints[number + 1] != joint)]
+        self.firsts = [number + 1 for number in self.last[:-1]]
+        self.before = [number - 1 for number in range(len(joints))]
+        for first, parent in zip(self.firsts, chain.parents, strict=True):
+            self.before[first] = self.last[parent]
 
     def _elements(self) -> Iterator[Element]:
         for joint, step in enumerate(self.chain.moving):
@@ -67,6 +73,11 @@ class ArmKinematics:
             for number in [-1, *own] if step.forward else [*own[::-1], -1]:
                 axis = np.array(step.joint.axis if number < 0 else self.bends[number].axis)
                 yield Element(joint, _axes_about(axis), number < 0 and step.joint.prismatic, number)
+
+    @cached_property
+    def forks(self) -> frozenset[int]:
+        """Elements, or the screen as -1, behind which further branches leave."""
+        return frozenset(before for number, before in enumerate(self.before) if before != number - 1)
 
     @cached_property
     def signs(self) -> Vector:
@@ -82,12 +93,8 @@ class ArmKinematics:
     def axes(self) -> tuple[Array3, Array3]:
         """The axes of the element before each, undone, and of each itself, (elements, 3, 3) both."""
         axes = np.array([element.axes for element in self.elements])
-        return np.concatenate([_UNIT[None, :3, :3], axes[:-1].transpose(0, 2, 1)]), axes
-
-    @cached_property
-    def firsts(self) -> list[int]:
-        """Of each moving joint the element that carries its placement."""
-        return [number + 1 for number in self.last[:-1]]
+        undone = np.concatenate([axes.transpose(0, 2, 1), _UNIT[None, :3, :3]])  # of the screen, -1, it is the last
+        return undone[self.before], axes
 
     def chain_positions(self, q: Matrix) -> Matrix:
         """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
@@ -203,7 +210,7 @@ class PlacedArm:
         frames = np.empty((len(self.steps) + 1, 4, 3 * n))
         frames[0].reshape(4, 3, n)[:] = _UNIT[:, :3, None]
         for number, (element, step) in enumerate(zip(self.arm.elements, self.steps, strict=True)):
-            np.matmul(step.T, frames[number], out=frames[number + 1])
+            np.matmul(step.T, frames[self.arm.before[number] + 1], out=frames[number + 1])
             columns = frames[number + 1].reshape(4, 3, n)
             if element.slides:
                 columns[3] += posture.q[number] * columns[2]

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import RigError, UsageError
 from urdfcal.base.geometry import SE3, Matrix, Vector, X, Z, cross, rotation_screw, six_screws, translation_screw
-from urdfcal.model.dh import DhRow, dh_table
+from urdfcal.model.dh import DhRow, dh_table, rows_of_limbs
 from urdfcal.model.parameters import Kind
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Rig
@@ -75,11 +75,11 @@ class _AxisTables:
 
     @cached_property
     def dh(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain)}
+        return {row.name: row for row in dh_table(self.chain)} | rows_of_limbs(self.chain)
 
     @cached_property
     def hayati(self) -> dict[str, DhRow]:
-        return {row.name: row for row in dh_table(self.chain, hayati=True)}
+        return {row.name: row for row in dh_table(self.chain, hayati=True)} | rows_of_limbs(self.chain, hayati=True)
 
 
 def slots_of(chain: Chain, rig: Rig, model: str = "auto", per_joint: Mapping[str, str] | None = None) -> tuple[Slot, ...]:
@@ -114,16 +114,20 @@ def _mount_slot(chain: Chain, rig: Rig, names: tuple[str, ...], screws: Matrix) 
 
 
 def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
-    """The placement of the measuring frame, and the offset of every target on its link."""
+    """The placement of every measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     taken = {step.joint.name for step in chain.moving} | ({rig.base} if rig.lasers else set())  # by joints and the screen
-    own = f"{seen.reference}:frame" if seen.reference in taken else seen.reference
-    slots = [Slot(own, "reference", SIX, six_screws(), (), frame=0)] if seen.placed else []
+    slots = [
+        Slot(f"{own.name}:frame" if own.name in taken else own.name, "reference", SIX, six_screws(), (), frame=index)
+        for index, own in enumerate(seen.every)
+        if own.placed
+    ]
     places: dict[str, list[int]] = {}
-    for index, target in enumerate(seen.targets, start=1):
+    first_target = len(seen.every)
+    for index, target in enumerate(seen.targets, start=first_target):
         places.setdefault(target.placed_by, []).append(index)
     for label, (first, *others) in places.items():
-        target = seen.targets[first - 1]
+        target = seen.targets[first - first_target]
         names = SIX if target.board else target.offset
         screws = six_screws()[:, [SIX.index(name) for name in names]]
         slots.append(Slot(label, "target", names, screws, (), frame=first, also=tuple(others)))

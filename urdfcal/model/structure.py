@@ -33,8 +33,17 @@ _PLACES = "places"
 _WITHIN_JOINT = ("d_theta", "d_q", "d_alpha", "d_beta", "d_a", "d_d")
 
 
-def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None) -> Matrix:
+def _several_ends(chain: Chain) -> bool:
+    """Whether there is more than one way from what sees to what is seen."""
+    return bool(chain.shoots) or len(chain.instrument_frames) > 1
+
+
+def full_pose_jacobian(
+    chain: Chain, errors: ErrorModel, rng: np.random.Generator | None = None, pairs: Sequence[tuple[int, int]] = ()
+) -> Matrix:
     """Twists of the module against the screen per parameter at random configurations, (6 CONFIGURATIONS, p).
+
+    Where further branches leave the way, twists of the end of each against what it is seen from, one below the other.
 
     Joints turn all the way round, whatever their limits: the rule is about structure, not about reach.
     """
@@ -42,7 +51,14 @@ def full_pose_jacobian(chain: Chain, errors: ErrorModel, rng: np.random.Generato
     turn = rng.uniform(-np.pi, np.pi, (CONFIGURATIONS, len(chain.inputs)))
     q = np.where([joint.prismatic for joint in chain.inputs], turn / (2 * np.pi), turn)
     motion = arm_motion(errors, q, np.zeros(len(errors.names)), errors.sessions[0])
-    return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
+    if not _several_ends(chain):
+        return motion.jac1.reshape(6 * CONFIGURATIONS, -1)
+    moves = errors.moves(errors.sessions[0]).astype(float)
+    targets = [index for index, frame in enumerate(chain.frames) if frame.role == "target"]
+    ends = [moves[targets[target]] - moves[instrument] for target, instrument in pairs or [(own, 0) for own in range(len(targets))]]
+    ends += [moves[laser] for laser in chain.laser_frames[:1]]
+    jac1 = motion.jac1.reshape(6 * CONFIGURATIONS, -1)
+    return np.concatenate([jac1 * end for end in np.unique(ends, axis=0)])
 
 
 def independent_columns(jacobian: Matrix, order: Iterable[int]) -> list[int]:
@@ -77,7 +93,7 @@ def enter(
     """
     if not automatic and (chain.screen_joint is not None or not rig.lasers):
         return free, {}
-    own = {f"{slot.label}.{name}" for slot in slots if _moves_module(rig, slot) for name in slot.names}
+    own = {f"{slot.label}.{name}" for slot in slots if _moves_module(chain, rig, slot) for name in slot.names}
     offered = [parameter for parameter in free if parameter.name in own and parameter.name not in decided]
     errors = ErrorModel(chain, slots, tuple(offered))
     resort = {f"{slot.label}.{name}": level for slot in slots for level, names in ((1, slot.spare), (2, slot.last)) for name in names}
@@ -85,9 +101,9 @@ def enter(
         range(len(offered)),
         key=lambda column: (resort.get(offered[column].name, 0), *_rank_order(chain, offered[column], screen_first=automatic)),
     )
-    jacobian = full_pose_jacobian(chain, errors)
+    jacobian = full_pose_jacobian(chain, errors, pairs=rig.instruments.pairs)
     if automatic and _unplaced(rig, free):  # places that were found from nothing stand for the placement of everything, as a frame does
-        anywhere = np.tile(np.eye(6), (CONFIGURATIONS, 1))
+        anywhere = np.tile(np.eye(6), (len(jacobian) // 6, 1))
         offered = [*offered, *(Parameter(f"{_PLACES}.{name}", "m", "place", 0.0, 1.0) for name in SIX)]
         order, jacobian = [*range(len(offered) - 6, len(offered)), *order], np.hstack([jacobian, anywhere])
     jacobian = np.asarray(np.linalg.qr(jacobian, mode="r"))  # the same columns, in fewer rows
@@ -110,7 +126,7 @@ def _shared_out(chain: Chain, offered: Sequence[Parameter], jacobian: Matrix, ta
     out what is seen of them together. Anywhere else a parameter enters whose error of one standard deviation costs those that carry
     it many: an axis that is shifted by 3 mm beside a parallel one 40 mm off would otherwise be two zeros, 4 degrees each.
     """
-    meeting = {joint.name for branch in chain.branches() for joint in branch[:_MEETING]} if len(chain.branches()) == 2 else set()
+    meeting = chain.meetings(_MEETING)
     rest = [column for column in range(len(offered)) if column not in taken]
     met = {column for column in rest if offered[column].kind == "joint" and offered[column].name.rpartition(".")[0] in meeting}
     sigma = np.array([_usual_size(parameter) for parameter in offered])
@@ -130,9 +146,12 @@ def _unplaced(rig: Rig, free: Sequence[Parameter]) -> bool:
     return not rig.lasers and not rig.instruments.placed and 0 < numbers == sum(parameter.kind == "place" for parameter in free)
 
 
-def _moves_module(rig: Rig, slot: Slot) -> bool:
-    """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target."""
-    if slot.frame is None:
+def _moves_module(chain: Chain, rig: Rig, slot: Slot) -> bool:
+    """Whether a slot lies between the frame that is measured from and the one that is measured: the module, or the farthest target.
+
+    Where further branches leave the way, every target is one that is measured.
+    """
+    if slot.frame is None or _several_ends(chain):
         return slot.kind != "beam"
     farthest = next((target.placed_by for target in rig.instruments.targets if target.link == rig.tip), "")
     return not rig.lasers and (slot.kind == "reference" or slot.label == farthest)

@@ -171,8 +171,10 @@ def _provenance(robot: Robot, command: Sequence[str], rig: bool = True) -> dict[
 
 
 def _rig_entry(rig: Rig) -> dict[str, Any]:
-    entry = {"screen": rig.base, "module": rig.tip, "lasers": list(rig.lasers)} if rig.lasers else {}
+    entry: dict[str, Any] = {"screen": rig.base, "module": rig.tip, "lasers": list(rig.lasers)} if rig.lasers else {}
     seen = rig.instruments
+    if seen.others:
+        entry["instruments"] = {own.name: own.link for own in seen.every}
     return entry | ({"reference": seen.reference, "targets": [target.name for target in seen.targets]} if seen.targets else {})
 
 

@@ -1,4 +1,4 @@
-"""The joints on the way from the screen to the module, as one serial arm that stands on the screen.
+"""The joints on the way from the screen to the module, as one serial arm that stands on the screen, and the branches that leave it.
 
 A joint that carries the screen is walked against its direction: its motion, its perturbation and its origin are inverted, in that
 order. So a screen on the wall and a screen in the gripper are the same case to everything that follows.
@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.errors import RigError
-from urdfcal.base.geometry import SE3, Matrix, Vector, X, Y, Z
+from urdfcal.base.geometry import SE3, Mask, Matrix, Vector, X, Y, Z
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.urdf_tree import UrdfJoint, UrdfTree
 
@@ -68,7 +68,7 @@ class ChainFrame:
     Attributes:
         role: What it is to the measurements.
         name: Of the laser or target, or of the reference link.
-        depth: How many moving joints of the way have been passed when its body is reached.
+        depth: The body that carries it: of the moving joints that lead there, the number of the last one; 0 for the base.
         steps: Joints from behind the last motion to its link; the first one may be the moving joint, walked against its direction.
         at: Where it is on what is placed on the link: a corner on its board, [m].
     """
@@ -81,8 +81,21 @@ class ChainFrame:
 
 
 @dataclass(frozen=True)
+class Shoot:
+    """A moving joint that is not on the way: what further targets hang on.
+
+    Attributes:
+        body: The body that it leaves from, as a frame's `depth`.
+        steps: Joints from behind the motion that leads to that body; the last one is the moving joint.
+    """
+
+    body: int
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
 class Chain:
-    """The way from screen to module and on to the lasers.
+    """The way from screen to module and on to the lasers, and the branches on which further targets are.
 
     Attributes:
         steps: Every joint between screen and module, screen first.
@@ -91,6 +104,7 @@ class Chain:
         coupling: (inputs, moving): chain positions are `q @ coupling + offset`; -1 where a joint is walked backward.
         offset: (moving,), from mimic joints.
         frames: The frame that targets are seen in and the targets, if there are any; then the lasers.
+        shoots: The moving joints of further branches, each behind those that lead to it.
     """
 
     steps: tuple[Step, ...]
@@ -99,16 +113,54 @@ class Chain:
     coupling: Matrix
     offset: Vector
     frames: tuple[ChainFrame, ...] = ()
+    shoots: tuple[Shoot, ...] = ()
 
     @cached_property
     def moving(self) -> tuple[Step, ...]:
-        """The steps that move, screen first."""
+        """The steps that move: those of the way, screen first, then those of further branches, each behind what leads to it."""
+        return (*self._trunk, *(shoot.steps[-1] for shoot in self.shoots))
+
+    @cached_property
+    def _trunk(self) -> tuple[Step, ...]:
         return tuple(step for step in self.steps if step.joint.moves)
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """The body that each moving joint leaves from, (moving,)."""
+        return (*range(len(self._trunk)), *(shoot.body for shoot in self.shoots))
+
+    @cached_property
+    def passed(self) -> Mask:
+        """Which moving joints lead from the base to each body, (moving + 1, moving)."""
+        passed = np.zeros((len(self.moving) + 1, len(self.moving)), dtype=bool)
+        for joint, parent in enumerate(self.parents):
+            passed[joint + 1] = passed[parent]
+            passed[joint + 1, joint] = True
+        return passed
+
+    @cached_property
+    def farthest(self) -> int:
+        """Which of the frames most moving joints lead to."""
+        return int(np.argmax([self.passed[frame.depth].sum() for frame in self.frames]))
+
+    @cached_property
+    def every_joint(self) -> dict[str, UrdfJoint]:
+        """All joints between the two ends, and of further branches, by name."""
+        return {step.joint.name: step.joint for step in (*self.steps, *(step for shoot in self.shoots for step in shoot.steps))}
 
     @property
     def measuring_frame(self) -> int:
-        """Which of the frames targets are seen from."""
+        """Which of the frames targets are seen from, where nothing else is said."""
         return 0
+
+    def seen_from(self, instrument: str) -> int:
+        """Which of the frames an instrument's is; the first one's for the empty string."""
+        return self.frame_index("reference", instrument) if instrument else self.measuring_frame
+
+    @cached_property
+    def instrument_frames(self) -> list[int]:
+        """Which of the frames are instruments', in order."""
+        return [index for index, frame in enumerate(self.frames) if frame.role == "reference"]
 
     def frame_index(self, role: Role, name: str) -> int:
         """Which of the frames one is."""
@@ -161,27 +213,61 @@ class Chain:
         return rotation
 
     def branches(self) -> list[list[UrdfJoint]]:
-        """The moving joints in their URDF direction: those that carry the screen, then those that carry the module."""
-        backward = [step.joint for step in self.moving if not step.forward][::-1]
-        forward = [step.joint for step in self.moving if step.forward]
+        """The moving joints of the way in their URDF direction: those that carry the screen, then those that carry the module."""
+        backward = [step.joint for step in self._trunk if not step.forward][::-1]
+        forward = [step.joint for step in self._trunk if step.forward]
         return [branch for branch in (backward, forward) if branch]
 
+    def limbs(self) -> list[list[UrdfJoint]]:
+        """Joints that lead to the end of each further branch, fixed ones included, in URDF direction from the first moving one on."""
+        above, found, covered = {joint.child: joint for joint in self.every_joint.values()}, list[list[UrdfJoint]](), set[str]()
+        for shoot in reversed(self.shoots):
+            joint: UrdfJoint | None = shoot.steps[-1].joint
+            if shoot.steps[-1].joint.name in covered:
+                continue
+            path = list[UrdfJoint]()
+            while joint is not None:
+                path.insert(0, joint)
+                joint = above.get(joint.parent)
+            path = path[next(index for index, own in enumerate(path) if own.moves) :]
+            covered |= {own.name for own in path}
+            found.append(path)
+        return found
+
+    def meetings(self, count: int) -> set[str]:
+        """Names of the moving joints next to links where branches meet, so many of each branch."""
+        branches = self.branches()
+        near = {joint.name for branch in branches for joint in branch[:count]} if len(branches) == 2 else set()
+        for body in (body for body in set(self.parents) if self.parents.count(body) > 1):
+            leads = np.flatnonzero(self.passed[body])
+            depth = self.passed.sum(axis=1) - len(leads)
+            behind = [joint for joint in range(len(self.moving)) if depth[joint + 1] <= count and self._leaves(joint, body)]
+            near |= {self.moving[joint].joint.name for joint in [*leads[-count:].tolist(), *behind]}
+        return near
+
+    def _leaves(self, joint: int, body: int) -> bool:
+        """Whether a moving joint is behind a body."""
+        return not self.passed[body, joint] and bool((self.passed[joint + 1] >= self.passed[body]).all())
+
     def new_model(self, bends: Sequence[Bend] = ()) -> tuple[Any, ModelLayout]:
-        """A fresh Pinocchio model of the moving joints alone, with identity placements, standing on the screen.
+        """A fresh Pinocchio model of the moving joints of the tree alone, with identity placements, standing on the screen.
 
         Args:
             bends: Axes about which joints give way; each becomes a joint of its own on the far side of its joint's motion.
         """
-        model, first, motion, last, bend = pin.Model(), [], [], [], [0] * len(bends)
+        model, bend = pin.Model(), [0] * len(bends)
+        first, motion, last = list[int](), list[int](), list[int]()
         for index, step in enumerate(self.moving):
             own = [number for number, each in enumerate(bends) if each.joint == index]
             first.append(model.njoints)
+            behind = last[self.parents[index] - 1] if self.parents[index] else 0
             for number in [None, *own] if step.forward else [*own[::-1], None]:
                 if number is None:
-                    motion.append(model.addJoint(model.njoints - 1, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name))
+                    motion.append(model.addJoint(behind, _joint_model(step.joint), pin.SE3.Identity(), step.joint.name))
                 else:
                     axis = pin.JointModelRevoluteUnaligned(np.array(bends[number].axis))
-                    bend[number] = model.addJoint(model.njoints - 1, axis, pin.SE3.Identity(), f"{step.joint.name}:{number}")
+                    bend[number] = model.addJoint(behind, axis, pin.SE3.Identity(), f"{step.joint.name}:{number}")
+                behind = model.njoints - 1
             last.append(model.njoints - 1)
         return model, ModelLayout(first, motion, last, bend)
 
@@ -193,15 +279,10 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         RigError: a joint on the way is of a kind that cannot be calibrated.
     """
     steps = _way(tree, rig)
-    for step in steps:
-        if step.joint.type in ("floating", "planar"):
-            raise RigError(
-                f"joint '{step.joint.name}' on the way from '{rig.base}' to '{rig.tip}' is {step.joint.type}; "
-                "expected revolute, continuous, prismatic or fixed joints",
-                tree.label,
-                step.joint.line,
-            )
-    moving = [step for step in steps if step.joint.moves]
+    _require_calibrable(tree, steps, rig.base, rig.tip)
+    growth = _Growth(tree, rig.base, steps)
+    frames = tuple(_target_frames(rig, growth))
+    moving = [*(step for step in steps if step.joint.moves), *(shoot.steps[-1] for shoot in growth.shoots)]
     leaders = [leader_of(tree, step.joint) for step in moving]
     inputs = {joint.name: joint for joint, _, _ in leaders}
     coupling, offset = np.zeros((len(inputs), len(moving))), np.zeros(len(moving))
@@ -210,8 +291,23 @@ def build_chain(tree: UrdfTree, rig: Rig) -> Chain:
         coupling[list(inputs).index(joint.name), column] = sign * multiplier
         offset[column] = sign * shift
     lasers = tuple(tuple(_below(tree, rig.tip, laser)) for laser in rig.lasers)
-    frames = (*_target_frames(tree, rig, steps), *_laser_frames(steps, lasers))
-    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, frames)
+    return Chain(steps, lasers, tuple(inputs.values()), coupling, offset, (*frames, *_laser_frames(steps, lasers)), tuple(growth.shoots))
+
+
+def _require_calibrable(tree: UrdfTree, steps: Sequence[Step], start: str, end: str) -> None:
+    """Refuse joints of a kind that cannot be calibrated.
+
+    Raises:
+        RigError: names the first one.
+    """
+    for step in steps:
+        if step.joint.type in ("floating", "planar"):
+            raise RigError(
+                f"joint '{step.joint.name}' on the way from '{start}' to '{end}' is {step.joint.type}; "
+                "expected revolute, continuous, prismatic or fixed joints",
+                tree.label,
+                step.joint.line,
+            )
 
 
 def _laser_frames(steps: Sequence[Step], lasers: Sequence[Sequence[UrdfJoint]]) -> Iterator[ChainFrame]:
@@ -222,30 +318,49 @@ def _laser_frames(steps: Sequence[Step], lasers: Sequence[Sequence[UrdfJoint]]) 
         yield ChainFrame("laser", way[-1].child, len(moving), (*tail, *(Step(joint, forward=True) for joint in way)))
 
 
-def _target_frames(tree: UrdfTree, rig: Rig, steps: Sequence[Step]) -> Iterator[ChainFrame]:
-    """The measuring frame and the targets, each on the body of the way that carries it.
+class _Growth:
+    """The tree of bodies that ways from the base lead to, growing by a branch where a way leaves those before it.
 
-    Raises:
-        RigError: one of them is on no body of the way.
+    Attributes:
+        tree: All links and joints.
+        base: The link where every way begins.
+        shoots: Moving joints beside those of the first way.
     """
-    bodies: dict[str, tuple[int, str, tuple[Step, ...]]] = {tree.moving_link(rig.base): (0, rig.base, ())}
-    for depth, step in enumerate((step for step in steps if step.joint.moves), start=1):
-        link = step.joint.child if step.forward else step.joint.parent
-        bodies[tree.moving_link(link)] = (depth, link, () if step.forward else (step,))
-    instruments = rig.instruments
-    origin = (0.0, 0.0, 0.0)
-    named: list[tuple[Role, str, str, tuple[float, float, float]]] = [("reference", instruments.reference, instruments.reference, origin)]
+
+    def __init__(self, tree: UrdfTree, base: str, steps: Sequence[Step]) -> None:
+        self.tree, self.base = tree, base
+        self.shoots: list[Shoot] = []
+        self._bodies = {step.joint.name: body for body, step in enumerate((step for step in steps if step.joint.moves), start=1)}
+
+    def reach(self, link: str) -> tuple[int, tuple[Step, ...]]:
+        """The body that carries a link, and the joints from behind the motion that leads there to the link.
+
+        Raises:
+            RigError: a joint on the way is of a kind that cannot be calibrated.
+        """
+        steps = _between(self.tree, self.base, link)
+        _require_calibrable(self.tree, steps, self.base, link)
+        body, own = 0, list[Step]()
+        for step in steps:
+            own.append(step)
+            if step.joint.moves:
+                if step.joint.name not in self._bodies:
+                    self.shoots.append(Shoot(body, tuple(own)))
+                    self._bodies[step.joint.name] = len(self._bodies) + 1
+                body, own = self._bodies[step.joint.name], [] if step.forward else [step]
+        return body, tuple(own)
+
+
+def _target_frames(rig: Rig, growth: _Growth) -> Iterator[ChainFrame]:
+    """The measuring frame and the targets, each on the body that carries it."""
+    instruments, origin = rig.instruments, (0.0, 0.0, 0.0)
+    named: list[tuple[Role, str, str, tuple[float, float, float]]] = [
+        ("reference", own.name, own.link, origin) for own in instruments.every
+    ]
     named += [("target", target.name, target.link, target.at) for target in instruments.targets]
     for role, name, link, at in named if instruments.targets else ():
-        if tree.moving_link(link) not in bodies:
-            raise RigError(
-                f"'{link}' is not on the way from '{rig.base}' to '{rig.tip}'; targets and what they are measured from must lie "
-                "on one chain of joints; calibrate the branches one after the other, each with --after the calibration before it, so that "
-                "what that decided stays",
-                tree.label,
-            )
-        depth, start, tail = bodies[tree.moving_link(link)]
-        yield ChainFrame(role, name, depth, (*tail, *_between(tree, start, link)), at)
+        body, steps = growth.reach(link)
+        yield ChainFrame(role, name, body, steps, at)
 
 
 def _way(tree: UrdfTree, rig: Rig) -> tuple[Step, ...]:

@@ -109,6 +109,21 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Instrument:
+    """Something with a frame of its own that targets are seen in.
+
+    Attributes:
+        name: First half of the names of the parameters that place it.
+        link: Link that it stands on; the empty string for the default: `tracker`, or the root.
+        placed: Whether readings are in its frame, so that its placement matters.
+    """
+
+    name: str
+    link: str
+    placed: bool
+
+
+@dataclass(frozen=True)
 class Instruments:
     """Everything that measures beside lasers.
 
@@ -119,6 +134,9 @@ class Instruments:
         places: What several poses have in common.
         camera_sigma: Standard deviations of the six errors of the screen's place in front of a camera that reads laser spots as pixels,
             [m] and [rad]; empty without such a camera.
+        name: Of the first instrument, where it has one beside the link's.
+        others: Further instruments.
+        pairs: Which target is seen from which instrument, by their numbers; all from the first where there are no others.
     """
 
     targets: tuple[Target, ...] = ()
@@ -126,6 +144,14 @@ class Instruments:
     placed: bool = False
     places: tuple[Place, ...] = ()
     camera_sigma: tuple[float, ...] = ()
+    name: str = ""
+    others: tuple[Instrument, ...] = ()
+    pairs: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def every(self) -> tuple[Instrument, ...]:
+        """All instruments, first the one that stands on the reference link."""
+        return (Instrument(self.name or self.reference, self.reference, self.placed), *self.others)
 
     @property
     def needed(self) -> bool:
@@ -175,7 +201,8 @@ def _with_reference(tree: UrdfTree, instruments: Instruments) -> Instruments:
         tree.require_link(target.link)
     default = TRACKER if TRACKER in tree.links else tree.root
     reference = _link(tree, instruments.reference, "--reference") if instruments.reference else default
-    return replace(instruments, reference=reference)
+    others = tuple(replace(other, link=tree.require_link(other.link or default)) for other in instruments.others)
+    return replace(instruments, reference=reference, others=others)
 
 
 def _farthest(tree: UrdfTree, instruments: Instruments) -> str:

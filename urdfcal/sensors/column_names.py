@@ -100,6 +100,7 @@ class _Names:
 
     def _is_reading(self, name: str) -> bool:
         target, dot, ending = name.rpartition(".")
+        target = target.partition("@")[0]
         link = target if target in self.robot.tree.links else target.rpartition(":")[0]
         return bool(dot) and link in self.robot.tree.links and ending in (*ENDINGS, *_NOISE)
 

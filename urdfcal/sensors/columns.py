@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from urdfcal.base.errors import did_you_mean, nearest_of, no_such
@@ -38,6 +38,7 @@ class ReadingColumn:
         link: The link that it is on.
         ending: What stands behind the target's name.
         sensor: Name of the sensor that reads it; the empty string where it states the noise of the others.
+        instrument: What it is read with; the empty string where nothing is said.
     """
 
     name: str
@@ -45,6 +46,12 @@ class ReadingColumn:
     link: str
     ending: str
     sensor: str
+    instrument: str = ""
+
+    @property
+    def label(self) -> str:
+        """What stands before its ending: target and instrument."""
+        return self.name.rpartition(".")[0]
 
     @property
     def kind(self) -> Sensor:
@@ -52,6 +59,20 @@ class ReadingColumn:
         return SENSORS[self.sensor]
 
 
+@dataclass(frozen=True)
+class Stations:
+    """Instruments that readings may name, beside links.
+
+    Attributes:
+        links: Link of each; the empty string for the default: `tracker`, or the root.
+        cameras: Of those that see in pixels, a `sensors.camera.Camera` each.
+    """
+
+    links: Mapping[str, str] = field(default_factory=dict)
+    cameras: Mapping[str, Any] = field(default_factory=dict)
+
+
+NONE = Stations()
 Group = Mapping[str, ReadingColumn]  # the columns of one sensor and one target, by their endings
 
 
@@ -61,7 +82,8 @@ class Columns:
 
     Attributes:
         robot: The robot as these measurements see it: with lasers if there are spots, or nothing else; with the targets that are named.
-        read: What was read of each target by each sensor: of lasers first, in their order, and pixels before metres.
+        read: What was read of each target, with its instrument if one is named, by each sensor: of lasers first, in their order, and
+            pixels before metres.
         warnings: Columns that mean nothing, and lasers that have none.
     """
 
@@ -70,7 +92,7 @@ class Columns:
     warnings: tuple[str, ...]
 
 
-def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid]) -> Columns:
+def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid], stations: Stations = NONE) -> Columns:
     """What the columns of a table of measurements mean.
 
     Raises:
@@ -80,9 +102,12 @@ def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: 
     lasers = _laser_candidates(table, robot)
     others = () if robot.lasers is None else set(lasers) - set(robot.lasers)
     named = [column for column in reading_columns(table.names, robot, lasers) if column.target not in others]
-    columns = [column for column in named if camera is not None or column.ending not in _OF_PICTURES]
-    _refuse(table, robot, columns, [column for column in named if column not in columns])
-    seen = _as_seen(robot, columns, reference, camera, boards)
+    by_camera = {*stations.cameras, *([""] if camera is not None else [])}
+    if camera is not None:
+        by_camera |= {column.instrument for column in named}
+    columns = [column for column in named if column.instrument in by_camera or column.ending not in _OF_PICTURES]
+    _refuse(table, robot, columns, [column for column in named if column not in columns], stations)
+    seen = _as_seen(robot, columns, reference, camera, boards, stations)
     require_joints(table, seen)
     _require_whole_spots(table, seen, seen.rig.lasers)
     read = _by_target(table, seen, columns)
@@ -90,15 +115,15 @@ def columns_of(table: Table, robot: Robot, reference: str, camera: Any, boards: 
     return Columns(seen, read, warnings)
 
 
-def seen_as(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid]) -> Robot:
+def seen_as(table: Table, robot: Robot, reference: str, camera: Any, boards: Mapping[str, Grid], stations: Stations = NONE) -> Robot:
     """The robot as the readings in a table see it, whatever else the table holds.
 
     Raises:
         MeasurementError: none of its columns is a reading, as where a link has another name.
     """
     columns = reading_columns(table.names, robot, _laser_candidates(table, robot))
-    _refuse(table, robot, columns, ())
-    return _as_seen(robot, columns, reference, camera, boards)
+    _refuse(table, robot, columns, (), stations)
+    return _as_seen(robot, columns, reference, camera, boards, stations)
 
 
 def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:
@@ -107,9 +132,13 @@ def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:
     return tuple(dict.fromkeys(laser for laser in named if f"{laser}.x" not in table.names))
 
 
-def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pictures: Sequence[ReadingColumn]) -> None:
+def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pictures: Sequence[ReadingColumn], stations: Stations) -> None:
     """Refuse columns that cannot be taken as they are; where nothing at all is measured, say what comes nearest to it."""
-    fault = refusal(columns, table.units)
+    fault = refusal(columns, table.units) or _strange_instrument([*columns, *in_pictures], robot, stations)
+    named = next((column for column in in_pictures if column.instrument and column.sensor), None)
+    if fault is None and named is not None:
+        entry = f"instruments: {{{named.instrument}: {{camera: CAMERA.yaml}}}}"
+        fault = named.name, f"pixels need the camera that they were read with; name it in rig.yaml ({entry}) or with --camera CAMERA.yaml"
     if fault is None and in_pictures and not any(column.sensor for column in columns):
         fault = in_pictures[0].name, "pixels need the camera that they were read with; give it with --camera CAMERA.yaml"
     if fault is None and not in_pictures and not columns:
@@ -118,10 +147,26 @@ def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pic
         raise table.fail(None, *fault)
 
 
-def _as_seen(robot: Robot, columns: Sequence[ReadingColumn], reference: str, camera: Any, boards: Mapping[str, Grid]) -> Robot:
-    read = dict.fromkeys((column.sensor, column.target, column.link) for column in columns if column.sensor)
-    instruments = instruments_of([blank_readings(*key) for key in read], reference, camera, boards)
-    spots = any(SENSORS[sensor].beam for sensor, _, _ in read)
+def _strange_instrument(columns: Sequence[ReadingColumn], robot: Robot, stations: Stations) -> tuple[str, str] | None:
+    """The first column whose instrument is neither named nor a link, or is named for what needs none, and what is wrong."""
+    for column in (column for column in columns if column.instrument or "@" in column.label):
+        known = (*stations.links, *robot.tree.links)
+        if column.instrument not in known:
+            way_out = f"name it in rig.yaml, instruments: {{{column.instrument or 'NAME'}: {{link: LINK}}}}"
+            return column.name, f"{no_such('instrument', column.instrument, known)}; expected a link, or {way_out}"
+        if column.sensor and column.kind.beam:
+            target = column.target
+            return column.name, f"spots of lasers are seen on the screen (--screen LINK), and on no other instrument; write '{target}.y'"
+    return None
+
+
+def _as_seen(
+    robot: Robot, columns: Sequence[ReadingColumn], reference: str, camera: Any, boards: Mapping[str, Grid], stations: Stations
+) -> Robot:
+    read = dict.fromkeys((column.sensor, column.target, column.link, column.instrument) for column in columns if column.sensor)
+    blank = [blank_readings(sensor, target, link, instrument=instrument) for sensor, target, link, instrument in read]
+    instruments = instruments_of(blank, reference, camera, boards, stations.links)
+    spots = any(SENSORS[sensor].beam for sensor, *_ in read)
     return robot.seen_by(instruments, robot.lasers if spots else ()) if instruments.needed else robot
 
 
@@ -147,7 +192,7 @@ def _by_target(table: Table, robot: Robot, columns: Sequence[ReadingColumn]) -> 
     """
     groups: dict[tuple[str, str], dict[str, ReadingColumn]] = {}
     for column in (column for column in columns if column.sensor):
-        groups.setdefault((column.target, column.sensor), {})[column.ending] = column
+        groups.setdefault((column.label, column.sensor), {})[column.ending] = column
     for (target, sensor), group in groups.items():
         _require_whole(table, robot, sensor, target, group)
     chosen = [key for laser in robot.rig.lasers if (key := _chosen(laser, groups)) is not None]
@@ -197,13 +242,14 @@ def reading_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -
     """The columns that mean a target on a link of this robot, or the spots of one of these lasers."""
     found = []
     for name in names:
-        target, dot, ending = name.rpartition(".")
+        label, dot, ending = name.rpartition(".")
+        target, _, instrument = label.partition("@")
         link = target if target in robot.tree.links else target.rpartition(":")[0]
         known = _OF_LASERS if target in lasers else _OF_TARGETS
         if dot and link in robot.tree.links and (ending in known or ending in _OF_NOISE):
-            found.append(ReadingColumn(name, target, link, ending, known.get(ending, "")))
-    read = {column.target for column in found if column.sensor}
-    return tuple(column for column in found if column.target in read)
+            found.append(ReadingColumn(name, target, link, ending, known.get(ending, ""), instrument))
+    read = {column.label for column in found if column.sensor}
+    return tuple(column for column in found if column.label in read)
 
 
 def refusal(columns: Sequence[ReadingColumn], units: Mapping[str, str]) -> tuple[str, str] | None:
@@ -215,7 +261,7 @@ def refusal(columns: Sequence[ReadingColumn], units: Mapping[str, str]) -> tuple
         if column.sensor and column.kind.touches and column.name in units:
             return column.name, f"the unit '{units[column.name]}' of a label means nothing; expected '{column.name}' alone"
         if column.sensor == "orientation":
-            first = turned.setdefault(column.target, column)
+            first = turned.setdefault(column.label, column)
             if (first.ending in QUATERNION) != (column.ending in QUATERNION):
                 return column.name, f"the orientation is in '{first.name}', too; leave one of the two out"
     return None

@@ -18,7 +18,7 @@ from urdfcal.base.rotations import NOT_RIGID, quaternions_of_vectors, rigid, rot
 from urdfcal.base.tables import Table, table_in_memory
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
-from urdfcal.sensors.columns import seen_as
+from urdfcal.sensors.columns import NONE, Stations, seen_as
 from urdfcal.sensors.measurements import Measurements, spots_measured
 from urdfcal.sensors.measurements_csv import ROWS, header_of, measurements_of, named_table
 from urdfcal.sensors.registry import SENSORS
@@ -43,6 +43,7 @@ def measurements_from(
     target: str | None = None,
     camera: Any = None,
     boards: Mapping[str, Grid] | None = None,
+    stations: Stations = NONE,
 ) -> Measurements:
     """Measurements from arrays, a dictionary or a DataFrame, by whatever sensors.
 
@@ -67,6 +68,7 @@ def measurements_from(
         target: Link that columns named x, y, z, qx ... alone belong to.
         camera: What pixels were read with.
         boards: Links that are boards, with the grids of their corners.
+        stations: Instruments that columns such as `tool0@head.x` name, beside links.
 
     Raises:
         ShapeMismatch: the arrays do not fit the robot or each other.
@@ -83,10 +85,10 @@ def measurements_from(
     elif is_table(readings):
         if sigma is not None:
             raise UsageError("measurements_from: sigma belongs to spots alone; give noise as columns, such as 'tool0.sigma'")
-        columns = _with_positions(robot, q, _columns(readings, beside), reference, target, camera, boards)
+        columns = _with_positions(robot, q, _columns(readings, beside), reference, target, camera, boards, stations)
     else:
         return spots_measured(robot, q, _required(readings), sigma=sigma, poses=poses, sets=sets, sessions=sessions)
-    return measurements_of(_table(columns, robot, target), robot, reference, camera, boards)
+    return measurements_of(_table(columns, robot, target), robot, reference, camera, boards, stations=stations)
 
 
 def is_table(given: Any) -> bool:
@@ -198,6 +200,7 @@ def _with_positions(
     target: str | None,
     camera: Any,
     boards: Mapping[str, Grid] | None,
+    stations: Stations,
 ) -> Cells:
     """Joint positions as columns beside those of readings, in the order of the joints that these need.
 
@@ -205,7 +208,7 @@ def _with_positions(
         ShapeMismatch: there are not as many.
     """
     head = _table({name: ["0"] for name in read}, robot, target)
-    names = seen_as(head, robot, reference or "", camera, boards or {}).chain.input_names
+    names = seen_as(head, robot, reference or "", camera, boards or {}, stations).chain.input_names
     positions, n = np.asarray(q, dtype=float), len(next(iter(read.values()), ()))
     if positions.shape != (n, len(names)):
         raise ShapeMismatch(f"measurements: q has shape {positions.shape}, expected {(n, len(names))}, for {', '.join(names)}")

@@ -49,6 +49,8 @@ def joined(parts: Sequence[Measurements]) -> Measurements:
         warnings=tuple(dict.fromkeys(line for part in parts for line in part.warnings)),
         reference=next(iter(references), first.reference),
         camera=next((part.camera for part in parts if part.camera is not None), None),
+        stations={name: link for part in parts for name, link in part.stations.items()},
+        cameras={name: camera for part in parts for name, camera in part.cameras.items()},
         boards={name: grid for part in parts for name, grid in part.boards.items()},
         lengths=tuple(dict.fromkeys(length for part in parts for length in part.lengths)),
     )
@@ -61,14 +63,14 @@ def _where_all(parts: Sequence[Measurements], name: str) -> Any:
 
 
 def _readings(parts: Sequence[Measurements]) -> tuple[Readings, ...]:
-    every = {(own.sensor, own.target): own.link for part in parts for own in part.readings}
-    of_part = [{(own.sensor, own.target): own for own in part.readings} for part in parts]
+    every = {(own.sensor, own.target, own.instrument): own.link for part in parts for own in part.readings}
+    of_part = [{(own.sensor, own.target, own.instrument): own for own in part.readings} for part in parts]
     found = []
-    for (sensor, target), link in every.items():
+    for (sensor, target, instrument), link in every.items():
         own = [
-            known.get((sensor, target)) or blank_readings(sensor, target, link, len(part))
+            known.get((sensor, target, instrument)) or blank_readings(sensor, target, link, len(part), instrument)
             for known, part in zip(of_part, parts, strict=True)
         ]
         values, labels, sigma = (np.concatenate([getattr(each, name) for each in own]) for name in ("values", "labels", "sigma"))
-        found.append(Readings(sensor, target, link, values, labels, sigma))
+        found.append(Readings(sensor, target, link, values, labels, sigma, instrument))
     return tuple(sorted(found, key=lambda each: not each.kind.beam))

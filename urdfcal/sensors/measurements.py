@@ -44,10 +44,12 @@ class Measurements:
         lengths: Known distances between sockets.
         payload: Mass that the arm carried at each pose, (n,), [kg]; None where nothing is said.
         boards: Links that are boards, with the grids of their corners.
-        camera: What pixels were read with: a `sensors.camera.Camera`.
+        camera: What pixels were read with: a `sensors.camera.Camera`; by instruments that have one of their own, by that.
         approach: Direction of each joint's last move before the pose, (n, joints): -1, 0 or 1; None where the order is not known.
         time: When each pose was measured, (n,), [s]; None where nothing is said.
         temperature: Of the arm at each pose, (n,), [degC]; None where nothing is said.
+        stations: Links of the instruments that readings name; a link's own name may be left out.
+        cameras: Cameras of instruments, by name.
         order: Which of the poses was measured first, second ..., (n,); as they stand by default.
         series: What they were measured with in one go, of which alone the order says anything; parts of measurements keep it.
     """
@@ -71,6 +73,8 @@ class Measurements:
     time: Vector | None = None
     temperature: Vector | None = None
     order: Vector | None = None
+    stations: Mapping[str, str] = field(default_factory=dict)
+    cameras: Mapping[str, Any] = field(default_factory=dict)
     series: str = field(default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
@@ -208,11 +212,11 @@ class Measurements:
     @cached_property
     def instruments(self) -> Instruments:
         """What the readings were made with."""
-        return instruments_of(self.readings, self.reference, self.camera, self.boards)
+        return instruments_of(self.readings, self.reference, self.camera, self.boards, self.stations)
 
     def sensor_of(self, reading: Readings) -> Sensor:
         """How readings were made, with the camera if it was by one."""
-        return reading.kind.with_camera(self.camera)
+        return reading.kind.with_camera(self.cameras.get(reading.instrument, self.camera))
 
     @property
     def has_spots(self) -> bool:

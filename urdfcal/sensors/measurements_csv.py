@@ -17,7 +17,7 @@ from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.column_names import as_people_write
-from urdfcal.sensors.columns import Columns, Group, columns_of, with_our_names
+from urdfcal.sensors.columns import NONE, Columns, Group, Stations, columns_of, with_our_names
 from urdfcal.sensors.joint_columns import JointColumns
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.off_screen import beyond_the_screen
@@ -44,6 +44,7 @@ def read_measurements(
     target: str | None = None,
     camera: Any = None,
     boards: Mapping[str, Grid] | None = None,
+    stations: Stations = NONE,
 ) -> Measurements:
     """Read measurements from CSV: one row a pose, one column a joint, and what was measured by the columns' endings.
 
@@ -53,6 +54,7 @@ def read_measurements(
         reference: Link that the measuring frame of points and orientations stands on; by default `tracker`, or the root.
         boards: Links that are boards, with the grids of their corners; `<link>:<corner>.u .v` are then one board's.
         camera: What pixels were read with, a `sensors.camera.Camera`; spots of lasers with pixels are then taken from these.
+        stations: Instruments that columns such as `tool0@head.x` name, beside links.
         target: Link that columns named x, y, z, qx ... alone, or x1, y1, z1, phix1, phiy1, phiz1 (figaroh's), belong to.
 
     Raises:
@@ -61,7 +63,7 @@ def read_measurements(
     """
     require_robot(robot, "read_measurements")
     table = read_named_table(path, robot, target)
-    return measurements_of(table, robot, reference, camera, boards, source=str(path))
+    return measurements_of(table, robot, reference, camera, boards, source=str(path), stations=stations)
 
 
 def measurements_of(
@@ -71,6 +73,7 @@ def measurements_of(
     camera: Any = None,
     boards: Mapping[str, Grid] | None = None,
     source: str = "",
+    stations: Stations = NONE,
 ) -> Measurements:
     """Measurements from a table with our names for its columns, wherever it comes from; arguments as for `read_measurements`.
 
@@ -80,7 +83,7 @@ def measurements_of(
         MeasurementError: `FILE:LINE: column NAME: what was found, what was expected`.
         RigError: a link that is needed is not there, or not where it can be.
     """
-    columns = columns_of(table, robot, reference or "", camera, boards or {})
+    columns = columns_of(table, robot, reference or "", camera, boards or {}, stations)
     joints = JointColumns(table, columns.robot)
     q, names = joints.positions, tuple(joint.name for joint in columns.robot.chain.inputs)
     facts = pose_facts(table, names, q)
@@ -96,6 +99,8 @@ def measurements_of(
         reference=reference or "",
         camera=camera,
         boards=boards or {},
+        stations=stations.links,
+        cameras=stations.cameras,
         payload=facts.payload,
         approach=facts.approach,
         time=facts.time,
@@ -163,11 +168,11 @@ def _of_targets(table: Table, columns: Columns) -> Iterator[Readings]:
 
 
 def _readings(table: Table, target: str, sensor: str, group: Group) -> Readings:
-    """What one sensor read of one target."""
+    """What one sensor read of one target, named as its columns are."""
     how, first = SENSORS[sensor], next(iter(group.values()))
     values = np.empty((len(table), 0)) if how.touches else _values(table, how, group)
     labels = _labels(table, first.name if how.touches else "")
-    return Readings(sensor, target, first.link, values, labels, _sigma(table, target, how))
+    return Readings(sensor, first.target, first.link, values, labels, _sigma(table, target, how), first.instrument)
 
 
 def _values(table: Table, how: Sensor, group: Group) -> Matrix:
@@ -239,7 +244,7 @@ def measurements_csv(data: Measurements, comments: Iterable[str] = ()) -> bytes:
 
 def _written(readings: Readings) -> Iterator[Column]:
     """Columns of some readings."""
-    how, target = readings.kind, readings.target
+    how, target = readings.kind, readings.label
     numbers = {ending: readings.labels for ending in how.endings} if how.touches else how.written(readings.values)
     yield from ((f"{target}.{ending}", column.tolist()) for ending, column in numbers.items())
     if how.sigma_ending and np.isfinite(readings.sigma).any():

@@ -108,14 +108,14 @@ class Overview:
         first = "" if line is None else f", {'the first ' if partly.sum() > 1 else ''}in line {line[int(np.argmax(partly))]}"
         verb = "lack" if partly.sum() > 1 else "lacks"
         points = f"{each.seen} {noun(each.readings.noise, each.seen)}"
-        return f"{partly.sum()} of {points} of {each.readings.target} {verb} a coordinate{first}"
+        return f"{partly.sum()} of {points} of {each.readings.label} {verb} a coordinate{first}"
 
     def missing(self) -> Iterator[str]:
         """What the file lacks for a good calibration, one line each."""
         for each in self.readings:
-            lacking = [ending for ending in each.readings.kind.endings if f"{each.readings.target}.{ending}" not in each.columns]
+            lacking = [ending for ending in each.readings.kind.endings if f"{each.readings.label}.{ending}" not in each.columns]
             if each.readings.sensor == "point" and lacking:
-                yield f"{each.readings.target} has no {', '.join(f'.{ending}' for ending in lacking)}: those coordinates are not used"
+                yield f"{each.readings.label} has no {', '.join(f'.{ending}' for ending in lacking)}: those coordinates are not used"
             if each.partly.any():
                 yield f"{self._in_part(each)}; what else was read there is used"
         still = [joint.name for joint in self.joints if joint.share is not None and joint.share < _LITTLE]
@@ -148,7 +148,7 @@ def _joints(table: Table, robot: Robot, data: Measurements) -> Iterator[JointRan
 
 
 def _count(table: Table, readings: Readings) -> ReadingCount:
-    columns = {f"{readings.target}.{ending}": quantity for ending, quantity in readings.kind.endings.items()}
+    columns = {f"{readings.label}.{ending}": quantity for ending, quantity in readings.kind.endings.items()}
     present = [name for name in columns if name in table.names]
     units = dict.fromkeys(unit for name in present if (unit := table.units.get(name, _default(columns[name]))))
     return ReadingCount(readings, tuple(present), tuple(units), any(name in table.units for name in present))

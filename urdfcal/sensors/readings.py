@@ -12,7 +12,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import DEG, MM, Labels, Mask, Matrix, Vector
-from urdfcal.robot.rig import SIX, Grid, Instruments, Place, Target
+from urdfcal.robot.rig import SIX, Grid, Instrument, Instruments, Place, Target
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor
 
@@ -33,6 +33,7 @@ class Readings:
             x, y, z, w; a distance [m]; nothing (0 columns) of touches.
         labels: Which plane or socket was touched, (n,); the empty string for none, and for other sensors.
         sigma: Standard deviation stated with each reading, (n,), nan for none.
+        instrument: Name of what it was read with; the empty string where nothing is said.
     """
 
     sensor: str
@@ -41,6 +42,7 @@ class Readings:
     values: Matrix
     labels: Labels
     sigma: Vector
+    instrument: str = ""
 
     def __post_init__(self) -> None:
         n = len(self.labels)
@@ -48,6 +50,11 @@ class Readings:
             raise ShapeMismatch(f"readings of {self.target}: values have shape {self.values.shape}, expected ({n}, {self.kind.stored})")
         if np.isinf(self.values).any() or np.isinf(self.sigma).any() or (self.sigma <= 0).any():
             raise ShapeMismatch(f"readings of {self.target} must be finite, and stated standard deviations above zero")
+
+    @property
+    def label(self) -> str:
+        """What columns and tables call it: the target, with `@<instrument>` behind it where one is named."""
+        return f"{self.target}@{self.instrument}" if self.instrument else self.target
 
     @property
     def kind(self) -> Sensor:
@@ -96,9 +103,10 @@ class Readings:
         return tuple(dict.fromkeys(self.labels[self.labels != ""].tolist()))
 
 
-def blank_readings(sensor: str, target: str, link: str, poses: int = 0) -> Readings:
+def blank_readings(sensor: str, target: str, link: str, poses: int = 0, instrument: str = "") -> Readings:
     """Readings of a sensor that saw nothing at all."""
-    return Readings(sensor, target, link, np.full((poses, SENSORS[sensor].stored), np.nan), np.full(poses, ""), np.full(poses, np.nan))
+    values = np.full((poses, SENSORS[sensor].stored), np.nan)
+    return Readings(sensor, target, link, values, np.full(poses, ""), np.full(poses, np.nan), instrument)
 
 
 @dataclass(frozen=True)
@@ -112,7 +120,11 @@ class KnownLength:
 
 
 def instruments_of(
-    readings: Sequence[Readings], reference: str, camera: Any = None, boards: Mapping[str, Grid] | None = None
+    readings: Sequence[Readings],
+    reference: str,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
+    stations: Mapping[str, str] | None = None,
 ) -> Instruments:
     """Targets, measuring frame and places that some readings need; spots on the screen need none of them.
 
@@ -121,9 +133,10 @@ def instruments_of(
         reference: Link that the measuring frame stands on.
         camera: What pixels were read with.
         boards: Links that are boards, whose targets are labelled by the numbers of corners.
+        stations: Links of the instruments that readings name, as far as they are called otherwise; the empty string for the default.
 
     Raises:
-        UsageError: a board has no such corner.
+        UsageError: a board has no such corner, or a place is met from two instruments.
     """
     beside = [reading for reading in readings if not reading.kind.beam]
     offsets: dict[str, set[str]] = {}
@@ -131,9 +144,45 @@ def instruments_of(
         offsets.setdefault(reading.target, set()).update(reading.kind.offset)
     targets = {reading.target: _target(reading, offsets[reading.target], (boards or {}).get(reading.link)) for reading in beside}
     places = {place.name: place for reading in beside for place in reading.places}
-    placed = any(reading.kind.seen_from == "frame" for reading in beside)
+    _require_one_frame(beside)
+    names = list(dict.fromkeys(reading.instrument for reading in beside))
+    names.sort(key=bool)  # what is seen from the reference link comes first
+    links, numbers = stations or {}, {target: number for number, target in enumerate(targets)}
+    first, *others = [Instrument(name, links.get(name, name), _placed(beside, name)) for name in names] or [Instrument("", "", False)]
+    pairs = dict.fromkeys((numbers[reading.target], names.index(reading.instrument)) for reading in beside)
     before_screen = any(place.kind == "camera" for reading in readings for place in reading.kind.places(reading.target, reading.touched))
-    return Instruments(tuple(targets.values()), reference, placed, tuple(places.values()), _camera_sigma(camera) if before_screen else ())
+    return Instruments(
+        tuple(targets.values()),
+        (first.link or reference) if first.name else reference,
+        first.placed,
+        tuple(places.values()),
+        _camera_sigma(camera) if before_screen else (),
+        name=first.name,
+        others=tuple(others),
+        pairs=tuple(pairs) if others else (),
+    )
+
+
+def _placed(readings: Sequence[Readings], instrument: str) -> bool:
+    """Whether any readings are in the frame of an instrument."""
+    return any(reading.kind.seen_from == "frame" for reading in readings if reading.instrument == instrument)
+
+
+def _require_one_frame(readings: Sequence[Readings]) -> None:
+    """Refuse a place that is met from two instruments, in whose frames it would be two.
+
+    Raises:
+        UsageError: names it.
+    """
+    found: dict[str, Readings] = {}
+    for reading in readings:
+        for place in reading.places:
+            other = found.setdefault(place.name, reading)
+            if other.instrument != reading.instrument:
+                raise UsageError(
+                    f"'{place.name}' is met by {other.label} and by {reading.label}, whose instruments are two; "
+                    "give it a label of its own for each"
+                )
 
 
 def _target(readings: Readings, offset: Collection[str], board: Grid | None) -> Target:

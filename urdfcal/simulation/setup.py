@@ -155,6 +155,8 @@ def parse_sensor(text: str, robot: Robot, places: int) -> SimulatedSensor:
     link = target if target in links else target.rpartition(":")[0] or target
     if kind not in SENSOR_KINDS or not target:
         raise UsageError(f"--sensor {text}: expected laser, or one of {', '.join(f'{known}:LINK' for known in SENSOR_KINDS)}")
+    if "@" in target:
+        raise UsageError(f"--sensor {text}: simulate knows one instrument, named with --reference; leave out '@{target.partition('@')[2]}'")
     if link not in links:
         raise UsageError(f"--sensor {text}: {no_such('link', link, links)}")
     return SimulatedSensor(kind, target, link, places if any(SENSORS[name].touches for name in SENSOR_KINDS[kind]) else 0)

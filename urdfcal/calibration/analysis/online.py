@@ -44,6 +44,7 @@ from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
+from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.in_memory import is_table, measurements_from, named_columns
 from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
 from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
@@ -144,6 +145,7 @@ class OnlineCalibrator:
         reference: str | None = None,
         camera: Any = None,
         boards: Mapping[str, Grid] | None = None,
+        stations: Stations = NONE,
     ) -> None:
         """Start from the priors.
 
@@ -161,6 +163,7 @@ class OnlineCalibrator:
             reference: Link that the measuring frame stands on; by default `tracker`, or the root.
             camera: What pixels are read with.
             boards: Links that are boards, with the grids of their corners.
+            stations: Instruments that readings such as `tool0@head.point` name, beside links.
 
         Raises:
             UsageError: an option means nothing here, or the limits leave no workspace and none is given.
@@ -171,7 +174,7 @@ class OnlineCalibrator:
         _check(target_mm, gate, self._known)
         self.robot, self.target_mm, self.options = robot, target_mm, options or ModelOptions()
         self._gated, self._joint_sigma, self._tool, self._asked_for = gate, joint_sigma, tool, workspace
-        self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards}
+        self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards, "stations": stations}
         self._rng = rng or np.random.default_rng(0)
         self._history, self._waiting = History(), list[tuple[int, Measurements]]()
         self._extra: dict[str, float] = {}

@@ -16,6 +16,7 @@ tell from the screen's placement are carried by it, and the last joint's zero by
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,8 +143,9 @@ def tool_jacobian(robot: Robot, errors: ErrorModel, x: Vector, link: str, q: Mat
     columns = way.columns(errors)
     jacobian = np.zeros_like(twists)
     v, w = twists[:, :3, columns], twists[:, 3:, columns]
-    jacobian[:, :3, columns] = v + np.cross(w, points[:, :, None], axis=1)
-    jacobian[:, 3:, columns] = w
+    signs = way.signs(errors, columns)
+    jacobian[:, :3, columns] = signs * (v + np.cross(w, points[:, :, None], axis=1))
+    jacobian[:, 3:, columns] = signs * w
     return jacobian
 
 
@@ -154,7 +156,7 @@ def default_tool(robot: Robot) -> str:
 
 def default_far(robot: Robot) -> bool:
     """Whether what is measured is one end against another on a different branch, so that this is what there is to know of it."""
-    return len(robot.chain.branches()) == 2
+    return len(robot.chain.branches()) == 2 and not robot.chain.shoots
 
 
 def base_link(robot: Robot, link: str, far: bool = False) -> str:
@@ -192,11 +194,19 @@ class ToolWay:
         moving = {f"{slot.label}.{name}" for slot in slots if passed.intersection(slot.joints) for name in slot.names}
         return [column for column, name in enumerate(errors.names) if name in moving]
 
+    def signs(self, errors: ErrorModel, columns: Sequence[int]) -> Vector:
+        """1 or, where a joint of the way from the base is walked backward among others that are not, -1, for each of these columns."""
+        mixed = bool(errors.chain.shoots) and not self.beyond
+        backward = {step.joint.name for step in errors.chain.moving if mixed and not step.forward}
+        return np.array([-1.0 if errors.names[column].rpartition(".")[0] in backward else 1.0 for column in columns])
+
     def points(self, motion: ArmMotion, corrected: dict[str, SE3]) -> Matrix:
         """Origins of the tool in screen axes, (n, 3)."""
         behind = product([corrected.get(joint.name, joint.origin) for joint in self.behind]).homogeneous
-        local = behind if self.forward else motion.placed.placed.joints[self.last] @ behind
-        return motion.points(self.last, local[:3, 3])
+        if self.forward:
+            return motion.points(self.last, behind[:3, 3])
+        local = motion.placed.placed.joints[self.last] @ behind
+        return motion.points(motion.placed.arm.chain.parents[self.last], local[:3, 3])
 
 
 def tool_way(robot: Robot, link: str, far: bool = False) -> ToolWay:

@@ -266,19 +266,20 @@ def _range_anywhere(trial: Trial, rng: np.random.Generator) -> Iterator[tuple[st
 
 def _as_predicted(trial: Trial, data: Measurements, own: Readings) -> Readings:
     """Readings that leave no residual to speak of: the derivative of some, as of orientations, depends on it."""
-    read = predicted(trial, data, own.sensor, own.target)
+    read = predicted(trial, data, own.sensor, own.target, own.instrument)
     return replace(own, values=np.where(own.seen[:, None], read, own.values))
 
 
 def _told_more(trial: Trial) -> Iterator[tuple[str, Matrix]]:
     """The same poses with more read of a target, as its orientation where only its place was."""
-    read = {(reading.sensor, reading.target) for reading in trial.data.readings}
+    read = {(reading.sensor, reading.label) for reading in trial.data.readings}
     for reading in trial.data.readings:
         more = reading.kind.told_more_by
-        if not more or (more, reading.target) in read:
+        if not more or (more, reading.label) in read:
             continue
-        values = np.where(reading.seen[:, None], predicted(trial, trial.data, more, reading.target), np.nan)
-        further = Readings(more, reading.target, reading.link, values, np.full(len(values), ""), np.full(len(values), np.nan))
+        values = np.where(reading.seen[:, None], predicted(trial, trial.data, more, reading.target, reading.instrument), np.nan)
+        none = np.full(len(values), np.nan)
+        further = Readings(more, reading.target, reading.link, values, np.full(len(values), ""), none, reading.instrument)
         words = f"the {SENSORS[more].words.one} of {reading.target} too, or further points on {reading.link} that are not in line with it"
         yield words, _posterior_with(trial, replace(trial.data, readings=(*trial.data.readings, further)))
 
@@ -294,8 +295,8 @@ def _posterior_with(trial: Trial, data: Measurements) -> Matrix:
     return posterior_of(nominal.errors, whitened(nominal.errors, data, noise, nominal.x))
 
 
-def predicted(trial: Trial, data: Measurements, sensor: str, target: str) -> Matrix:
+def predicted(trial: Trial, data: Measurements, sensor: str, target: str, instrument: str = "") -> Matrix:
     """What a sensor would read of a target at some poses, as readings keep it, (n, stored)."""
-    blank = replace(data, readings=(blank_readings(sensor, target, target, len(data)),), lengths=())
+    blank = replace(data, readings=(blank_readings(sensor, target, target, len(data), instrument),), lengths=())
     read: Matrix = Problem(trial.errors, blank).read(trial.x)[0]
     return read

@@ -40,7 +40,7 @@ _LEAST_POINTS, _LEAST_PIXELS = 3, 4
 class _Known:
     """What has been found so far."""
 
-    frames: dict[str, SE3]
+    frames: dict[tuple[int, str], SE3]  # by instrument, as the chain's frame that it is, and session
     offsets: dict[str, SE3]
 
 
@@ -49,12 +49,14 @@ class _Seen:
     """A target at the poses of one session: nominal link placements in the reference link, and what was measured.
 
     Attributes:
+        frame: What it is seen from, as the chain's frame that it is.
         R, b: Axes (n, 3, 3) and origin (n, 3) of its link.
         a: Measured points, (n, 3); with axes beside them some or all of the numbers may be nan.
         A: Measured axes, (n, 3, 3); None if only points were seen.
     """
 
     target: str
+    frame: int
     session: str
     R: Array3
     b: Matrix
@@ -88,10 +90,10 @@ def place_instruments(errors: ErrorModel, data: Measurements) -> ErrorModel:
     """
     free = {slot.label: slot for slot in errors.slots if slot.frame is not None and _open(errors, slot)}
     known = _Known({}, {target.placed_by: pin.SE3.Identity() for target in data.instruments.targets if target.placed_by not in free})
-    reference = next((slot for slot in errors.slots if slot.kind == "reference"), None)
-    for session in errors.sessions:
-        if reference is None or reference.label not in free:
-            known.frames[session] = pin.SE3.Identity()
+    references = {slot.frame: slot for slot in errors.slots if slot.kind == "reference"}
+    for frame in errors.chain.instrument_frames:
+        if frame not in references or references[frame].label not in free:
+            known.frames |= {(frame, session): pin.SE3.Identity() for session in errors.sessions}
     seen = sorted(_views(errors, data), key=lambda view: (not view.whole, view.A is None, -len(view.b)))
     for view in [*seen, *seen]:  # the second time for what needed something that was found later
         _place(view, known)
@@ -112,18 +114,19 @@ def _open(errors: ErrorModel, slot: Slot) -> bool:
 def _found(slot: Slot, known: _Known, sessions: Sequence[str]) -> Slot:
     """The slot where it was found; a session that says nothing of its own frame begins where another's stands."""
     if slot.kind == "reference":
-        first = next(iter(known.frames.values()), None)
-        return replace(slot, found={session: known.frames.get(session, first) for session in sessions if first is not None})
+        own = {session: T for (frame, session), T in known.frames.items() if frame == slot.frame}
+        first = next(iter(own.values()), None)
+        return replace(slot, found={session: own.get(session, first) for session in sessions if first is not None})
     placement = known.offsets.get(slot.label, pin.SE3.Identity())
     return replace(slot, found=dict.fromkeys(sessions, placement))
 
 
 def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
-    by_target: dict[str, list[Readings]] = {}
+    by_pair: dict[tuple[str, int], list[Readings]] = {}
     for reading in (reading for reading in data.readings if not reading.kind.beam):
-        by_target.setdefault(reading.target, []).append(reading)
+        by_pair.setdefault((reading.target, errors.chain.seen_from(reading.instrument)), []).append(reading)
     yield from _boards(errors, data)
-    for target, readings in by_target.items():
+    for (target, frame), readings in by_pair.items():
         points = next((found for own in readings if (found := own.kind.points(own.values)) is not None), np.full((len(data), 3), np.nan))
         axes = next((found for own in readings if (found := own.kind.axes(own.values)) is not None), None)
         whole = ~np.isnan(points).any(axis=1)
@@ -137,8 +140,8 @@ def _views(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
         for session in errors.sessions:
             rows = np.flatnonzero(whole & (_of_session(errors, data.sessions, session)))
             if len(rows) >= _LEAST_POINTS:
-                R, b = _nominal(errors, data.q[rows], target, session)
-                yield _Seen(target, session, R, b, points[rows], None if axes is None else axes[rows])
+                R, b = _nominal(errors, data.q[rows], target, frame, session)
+                yield _Seen(target, frame, session, R, b, points[rows], None if axes is None else axes[rows])
 
 
 def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
@@ -147,15 +150,18 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
         return
     import cv2
 
-    for board, grid in data.boards.items():
-        corners = [reading for reading in data.readings if reading.link == board and reading.kind.by_camera and not reading.kind.beam]
+    pictured = [reading for reading in data.readings if reading.kind.by_camera and not reading.kind.beam]
+    for board, instrument in dict.fromkeys((own.link, own.instrument) for own in pictured if own.link in data.boards):
+        grid, frame = data.boards[board], errors.chain.seen_from(instrument)
+        camera = data.cameras.get(instrument, data.camera)
+        corners = [reading for reading in pictured if (reading.link, reading.instrument) == (board, instrument)]
         seen = np.array([corner.seen for corner in corners]).reshape(len(corners), len(data))
         grid_points = np.array([grid.at(int(corner.target.partition(":")[2])) for corner in corners])
         for session in errors.sessions:
             own = _of_session(errors, data.sessions, session)
             rows, placements = [], []
             for pose in np.flatnonzero(own & (seen.sum(axis=0) >= _LEAST_PIXELS)):
-                rays = data.camera.rays(np.array([each.values[pose] for each, there in zip(corners, seen[:, pose], strict=True) if there]))
+                rays = camera.rays(np.array([each.values[pose] for each, there in zip(corners, seen[:, pose], strict=True) if there]))
                 found, turn, shift = cv2.solvePnP(
                     grid_points[seen[:, pose]], np.ascontiguousarray(rays[:, :2] / rays[:, 2:]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
                 )
@@ -163,10 +169,10 @@ def _boards(errors: ErrorModel, data: Measurements) -> Iterator[_Seen]:
                     rows.append(pose)
                     placements.append(pin.SE3(pin.exp3(turn.ravel()), shift.ravel()))
             if len(rows) >= _LEAST_POINTS:
-                R, b = _nominal(errors, data.q[rows], corners[0].target, session)
+                R, b = _nominal(errors, data.q[rows], corners[0].target, frame, session)
                 b = b - R @ grid_points[0]  # of the link, not of the corner
                 a, A = np.array([each.translation for each in placements]), np.array([each.rotation for each in placements])
-                yield _Seen(board, session, R, b, a, A)
+                yield _Seen(board, frame, session, R, b, a, A)
 
 
 def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
@@ -174,27 +180,28 @@ def _of_session(errors: ErrorModel, sessions: Labels, session: str) -> Mask:
     return np.asarray((sessions == session) | (len(errors.sessions) == 1))
 
 
-def _nominal(errors: ErrorModel, q: Matrix, target: str, session: str) -> tuple[Array3, Matrix]:
+def _nominal(errors: ErrorModel, q: Matrix, target: str, frame: int, session: str) -> tuple[Array3, Matrix]:
     """Axes and origin of a target in its measuring frame as the error model has them at its mean; offsets that are not found are none."""
     motion = arm_motion(errors, q, errors.mean, session)
-    origin, axes = motion.seen(errors.chain.frame_index("target", target), errors.chain.measuring_frame)
+    origin, axes = motion.seen(errors.chain.frame_index("target", target), frame)
     return axes, origin
 
 
 def _place(view: _Seen, known: _Known) -> None:
     """Find whatever this view can tell: frame and offset, or one where the other is known."""
-    Y, X = known.frames.get(view.session), known.offsets.get(view.target)
+    at = view.frame, view.session
+    Y, X = known.frames.get(at), known.offsets.get(view.target)
     if Y is not None and X is not None:
         return
     if view.A is not None and X is None and Y is None:
-        known.frames[view.session], known.offsets[view.target] = robot_world_hand_eye(view.R, view.b, view.A, view.a)
+        known.frames[at], known.offsets[view.target] = robot_world_hand_eye(view.R, view.b, view.A, view.a)
     elif X is None and Y is None:
-        known.frames[view.session], offset = point_and_frame(view.R, view.b, view.a)
+        known.frames[at], offset = point_and_frame(view.R, view.b, view.a)
         known.offsets[view.target] = pin.SE3(np.eye(3), offset)
     elif X is None:
         known.offsets[view.target] = _offset(view, Y)
     else:
-        known.frames[view.session] = _frame(view, X)
+        known.frames[at] = _frame(view, X)
 
 
 def _offset(view: _Seen, Y: SE3) -> SE3:
@@ -221,16 +228,17 @@ def _frame(view: _Seen, X: SE3) -> SE3:
 def _place_cameras(errors: ErrorModel, data: Measurements, known: _Known) -> None:
     """Cameras that see targets as pixels, where nothing else told where their frame is."""
     for reading in (reading for reading in data.readings if reading.link not in data.boards):
+        frame = errors.chain.seen_from(reading.instrument)
         for session in errors.sessions:
             rows = np.flatnonzero(reading.seen & (_of_session(errors, data.sessions, session)))
-            if session in known.frames or len(rows) < _LEAST_PIXELS:
+            if (frame, session) in known.frames or len(rows) < _LEAST_PIXELS:
                 continue
             rays = data.sensor_of(reading).rays(reading.values[rows])
             if rays is None:
                 break
-            R, b = _nominal(errors, data.q[rows], reading.target, session)
+            R, b = _nominal(errors, data.q[rows], reading.target, frame, session)
             offset = known.offsets.get(reading.target, pin.SE3.Identity()).translation
-            known.frames[session] = camera_before(b + R @ offset, rays)
+            known.frames[frame, session] = camera_before(b + R @ offset, rays)
 
 
 def _place_by_sensor(errors: ErrorModel, data: Measurements, known: _Known) -> None:
@@ -244,7 +252,7 @@ def _place_by_sensor(errors: ErrorModel, data: Measurements, known: _Known) -> N
             _require_a_return(data)
         if reading.kind.beam or reading.link in data.boards:
             continue
-        R, b = _per_session(errors, data, reading.target, rows)
+        R, b = _per_session(errors, data, reading, rows)
         found = reading.kind.find_offset(R, b, reading.values[rows], reading.labels[rows])
         if found is not None:
             before = known.offsets.get(reading.target)
@@ -268,12 +276,12 @@ def _require_a_return(data: Measurements) -> None:
         )
 
 
-def _per_session(errors: ErrorModel, data: Measurements, target: str, rows: Rows) -> tuple[Array3, Matrix]:
+def _per_session(errors: ErrorModel, data: Measurements, reading: Readings, rows: Rows) -> tuple[Array3, Matrix]:
     R, b = np.empty((len(rows), 3, 3)), np.empty((len(rows), 3))
     for session in errors.sessions:
         own: Mask = _of_session(errors, data.sessions[rows], session)
         if own.any():
-            R[own], b[own] = _nominal(errors, data.q[rows[own]], target, session)
+            R[own], b[own] = _nominal(errors, data.q[rows[own]], reading.target, errors.chain.seen_from(reading.instrument), session)
     return R, b
 
 
@@ -286,7 +294,7 @@ def with_places(errors: ErrorModel, data: Measurements) -> ErrorModel:
         rows = np.flatnonzero(reading.seen & ~np.isin(reading.labels, known))  # what is held refers to axes that are known already
         if not len(rows) or (not reading.kind.touches and reading.places[0].name in errors.planes):
             continue
-        R, p = _per_session(errors, data, reading.target, rows)
+        R, p = _per_session(errors, data, reading, rows)
         try:
             found = reading.kind.find_places(reading.target, p, R, reading.values[rows], reading.labels[rows])
         except PlaceFault as fault:

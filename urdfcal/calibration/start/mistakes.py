@@ -72,7 +72,7 @@ def mistakes_of_readings(data: Measurements, beams: bool) -> Iterator[Mistake]:
         for words, change in sensor.mistakes().items():
             yield Mistake(words, partial(_values_through, name, change))
     axes = _axes_of_targets(data)
-    if any(reading.target in axes and reading.kind.points(reading.values) is not None for reading in meant):
+    if any(reading.label in axes and reading.kind.points(reading.values) is not None for reading in meant):
         yield Mistake("the poses inverted (the measuring frame as seen from the target)", _poses_inverted)
     yield from _of_targets(data, meant)
 
@@ -138,24 +138,24 @@ def _values_through(sensor: str, change: Change, data: Measurements) -> Measurem
 
 def _axes_of_targets(data: Measurements) -> dict[str, Array3]:
     """The targets whose axes were read, with those, (n, 3, 3)."""
-    read = ((reading.target, reading.kind.axes(reading.values)) for reading in data.readings)
+    read = ((reading.label, reading.kind.axes(reading.values)) for reading in data.readings)
     return {target: axes for target, axes in read if axes is not None}
 
 
 def _poses_inverted(data: Measurements) -> Measurements:
     axes = _axes_of_targets(data)
     inverted = (
-        replace(each, values=each.kind.inverted(each.values, axes[each.target])) if each.target in axes else each for each in data.readings
+        replace(each, values=each.kind.inverted(each.values, axes[each.label])) if each.label in axes else each for each in data.readings
     )
     return replace(data, readings=tuple(inverted))
 
 
 def _targets_swapped(one: str, other: str, data: Measurements) -> Measurements:
-    own = {(reading.sensor, reading.target): reading for reading in data.readings}
+    own = {(reading.sensor, reading.target, reading.instrument): reading for reading in data.readings}
     partner = {one: other, other: one}
 
     def swapped(each: Readings) -> Readings:
-        read = own[each.sensor, partner.get(each.target, each.target)]
+        read = own.get((each.sensor, partner.get(each.target, each.target), each.instrument), each)
         return replace(each, values=read.values, labels=read.labels, sigma=read.sigma)
 
     return replace(data, readings=tuple(swapped(reading) for reading in data.readings))

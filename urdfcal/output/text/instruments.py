@@ -96,13 +96,17 @@ def rig_in_words(robot: Robot) -> str:
     if rig.lasers:
         words.append(f"screen {rig.base}; module {rig.tip}; lasers {', '.join(rig.lasers)}")
     if rig.instruments.targets:
-        words.append(f"reference {rig.instruments.reference}; targets {', '.join(target.name for target in rig.instruments.targets)}")
+        seen_from = ", ".join(own.name if own.name == own.link else f"{own.name} on {own.link}" for own in rig.instruments.every)
+        what = "instruments" if rig.instruments.others else "reference"
+        words.append(f"{what} {seen_from}; targets {', '.join(target.name for target in rig.instruments.targets)}")
     return "; ".join(words)
 
 
 def measuring_frame(calibration: FitResult) -> str:
     """What coordinates of targets and places are in."""
     instruments = calibration.robot.rig.instruments
+    if instruments.others:
+        return "the frame of the instrument that read them"
     return "the measuring frame" if instruments.placed else f"the frame of {instruments.reference}"
 
 
@@ -111,7 +115,9 @@ def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
 
     A variance is None where only the other half was seen.
     """
-    errors, links = calibration.errors, {target.name: target.link for target in calibration.robot.rig.instruments.targets}
+    errors, seen = calibration.errors, calibration.robot.rig.instruments
+    links = {target.name: target.link for target in seen.targets}
+    links |= {slot.label: seen.every[slot.frame].link for slot in errors.slots if slot.kind == "reference" and slot.frame is not None}
     entries = []
     for slot in errors.slots:
         if slot.frame is None:
@@ -121,7 +127,8 @@ def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
             placement = product([*([slot.found[session]] if session in slot.found else []), *exponentials(slot.screws, values)])
             xyz, rpy = xyz_rpy(placement)
             label = f"{slot.label}:{session}" if session != errors.sessions[0] else slot.label
-            name = f"measuring frame{f' of session {session}' if session else ''}" if slot.kind == "reference" else slot.label
+            frame = "measuring frame" if not seen.others else f"frame of {slot.label}"
+            name = f"{frame}{f' of session {session}' if session else ''}" if slot.kind == "reference" else slot.label
             entries.append(
                 {
                     "name": name,

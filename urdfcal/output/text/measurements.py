@@ -33,6 +33,7 @@ def overview_json(found: Overview) -> dict[str, Any]:
         "readings": [
             {
                 "target": each.readings.target,
+                **({"instrument": each.readings.instrument} if each.readings.instrument else {}),
                 "link": each.readings.link,
                 "sensor": each.readings.sensor,
                 "columns": list(each.columns),
@@ -85,13 +86,15 @@ def _joint_table(found: Overview) -> Any:
 def _readings_title(found: Overview) -> str:
     if not found.data.instruments.placed:
         return "Readings"
+    if found.data.instruments.others:
+        return f"Readings, measured from {', '.join(own.name for own in found.robot.rig.instruments.every)}"
     return f"Readings, measured from a frame on the link {found.robot.rig.instruments.reference}"
 
 
 def _reading_table(found: Overview) -> Any:
     table = figures_table("target", "read", "columns", "in")
     for each in found.readings:
-        table.add_row(each.readings.target, told(each), _columns(each), _unit(", ".join(each.units), each.stated))
+        table.add_row(each.readings.label, told(each), _columns(each), _unit(", ".join(each.units), each.stated))
     return table
 
 

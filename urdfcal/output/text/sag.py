@@ -61,8 +61,8 @@ def _twists_at_tool(sag: SagFit) -> Matrix:
     model, errors, x = Problem(sag.errors, sag.calibration.data), sag.errors, sag.estimate.belief.x
     motion = model.motion(x)
     columns = [errors.names.index(term.name) for term in sag.softness.terms]
-    lasers, depths = errors.chain.laser_frames, [frame.depth for frame in errors.chain.frames]
-    point = motion.frames[lasers[0] if lasers else int(np.argmax(depths))][:, :, 3]
+    lasers = errors.chain.laser_frames
+    point = motion.frames[lasers[0] if lasers else errors.chain.farthest][:, :, 3]
     twists = motion.jac1[:, :, columns]
     return np.concatenate([twists[:, :3] - skew(point) @ twists[:, 3:], twists[:, 3:]], axis=1)
 

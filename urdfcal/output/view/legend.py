@@ -102,7 +102,8 @@ def _screen_layers(scene: Scene, both: bool) -> list[Layer]:
 def _frame_layers(scene: Scene, group: MarkGroup) -> list[Layer]:
     """The measuring frame, and what targets are measured from and against."""
     instruments = scene.solid.rig.instruments
-    words = f"measuring frame, fixed to {instruments.reference}" if instruments.placed else f"frame of {instruments.reference}"
+    name = f"frame of {instruments.name}" if instruments.name and instruments.name != instruments.reference else "measuring frame"
+    words = f"{name}, fixed to {instruments.reference}" if instruments.placed else f"frame of {instruments.reference}"
     own = instruments.reference in scene.frames and not instruments.placed  # drawn with the robot's frames
     found = [] if own else [Layer(Swatch("triad"), words, tuple(f"frame/marks/frame_{axis}" for axis in "xyz"))]
     if any(mark.normals is not None for mark in group.marks):

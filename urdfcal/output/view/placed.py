@@ -106,6 +106,31 @@ class Placed:
         arm = ArmKinematics(self.errors.chain)
         return motion_at(arm, placed, arm.chain_positions(q)).frames
 
+    def _in_first(self, mark: Mark, channel: Channel) -> Mark:
+        """A mark in the frame of the first instrument, in which all are drawn, wherever that of its own is at each pose."""
+        first = self.errors.chain.measuring_frame
+        if channel.frame in (None, first):
+            return mark
+        here, there = self._frames[first], self._frames[channel.frame]
+        R = here[:, :, :3].transpose(0, 2, 1) @ there[:, :, :3]
+        p = np.einsum("nji,nj->ni", here[:, :, :3], there[:, :, 3] - here[:, :, 3])
+
+        def turned(directions: Matrix) -> Matrix:
+            return np.asarray(np.einsum("nij,nj->ni", R, directions))
+
+        return replace(
+            mark,
+            read=turned(mark.read) + p,
+            predicted=turned(mark.predicted) + p,
+            axes=None if mark.axes is None else R @ mark.axes,
+            start=None if mark.start is None else turned(mark.start) + p,
+            normals=None if mark.normals is None else turned(mark.normals),
+        )
+
+    @cached_property
+    def _frames(self) -> Array4:
+        return self.frames(self.data.q)
+
     def beams(self, q: Matrix) -> Beams:
         """Its beams at joint positions (n, inputs)."""
         return beams_at(self.errors, self.x, q)
@@ -116,6 +141,7 @@ class Placed:
         problem = Problem(self.errors, self.data)
         with np.errstate(divide="ignore", invalid="ignore"):  # beams along the screen
             marks = [_mark(channel, view) for channel, view in zip(problem.channels, problem.views(self.x), strict=True)]
+            marks = [self._in_first(mark, channel) for mark, channel in zip(marks, problem.channels, strict=True)]
         return _at_their_targets(marks)
 
     @cached_property
