@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -39,9 +40,10 @@ class Angles:
         """Angles of a rotation, [rad]; of a sequence without case mixed."""
         from scipy.spatial.transform import Rotation
 
-        turned = Rotation.from_matrix(rotation)
-        lower = self.eulerseq.islower()
-        return np.asarray(turned.as_euler(self.eulerseq.upper() if lower else self.eulerseq.lower(), suppress_warnings=True))
+        sequence = self.eulerseq.upper() if self.eulerseq.islower() else self.eulerseq.lower()
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)  # any of the angles that say it will do
+            return np.asarray(Rotation.from_matrix(rotation).as_euler(sequence))
 
 
 def read_rotation(element: Element, attributes: Mapping[str, str], angles: Angles) -> Matrix:
