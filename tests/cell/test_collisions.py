@@ -83,6 +83,17 @@ def test_a_scene_is_kept_clear_of_by_the_distance_that_is_stated(tmp_path: Path)
             assert cell_of(robot, scene=tmp_path / "scene.yaml", clearance=0.01).free(q).tolist() == [expected], (far, entry)
 
 
+def test_the_inside_of_a_mesh_is_solid(tmp_path: Path) -> None:
+    """A cube wholly inside a closed mesh of the scene touches no face of it, and is never free."""
+    corners = [f"v {x} {y} {z}" for x in (-2, 2) for y in (-2, 2) for z in (-2, 2)]
+    quads = [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+    faces = [f"f {a} {b} {c}\nf {a} {c} {d}" for a, b, c, d in quads]
+    (tmp_path / "hall.obj").write_text("\n".join([*corners, *faces]) + "\n")
+    (tmp_path / "scene.yaml").write_text("meshes: {hall: {file: hall.obj}}\n")
+    robot = boxed(tmp_path, "tool")
+    assert not cell_of(robot, scene=tmp_path / "scene.yaml").free(random_positions(robot, 20, np.random.default_rng(0))).any()
+
+
 def test_neighbours_and_what_an_srdf_names_are_not_looked_at(tmp_path: Path) -> None:
     """Neighbours may touch, over links without a shape too; others may not, unless an SRDF beside the robot says so."""
     robot = boxed(tmp_path, "upper", "tool", "base")

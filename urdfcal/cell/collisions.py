@@ -198,10 +198,10 @@ def _touching(robot: Robot, model: Any, placed: Any, poses: Matrix) -> Mask:
 
 
 def _as_they_are(bodies: Bodies) -> Any:
-    """The same shapes and pairs, meshes in place of their hulls."""
+    """The same shapes and pairs, the robot's meshes in place of their hulls; those of the scene stay solid, as their surfaces are not."""
     exact = pin.GeometryModel()
     for shape in bodies.model.geometryObjects:
-        form = bodies.exact.get(shape.name, shape.geometry)
+        form = bodies.exact.get(shape.name, shape.geometry) if shape.name in bodies.links else shape.geometry
         exact.addGeometryObject(pin.GeometryObject(shape.name, shape.parentJoint, shape.parentFrame, shape.placement, form))
     for pair in bodies.model.collisionPairs:
         exact.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
