@@ -99,7 +99,7 @@ def toured(q: Matrix, robot: Robot, start: Vector, free: Free | None, through: M
     speeds = speeds_of(robot)
     order = shortest(q, speeds, start)
     there = q[order]
-    seconds = np.array([times_between(a[None], b[None], speeds)[0, 0] for a, b in itertools.pairwise(there)])
+    seconds = _leg_times(there, speeds)
     if free is None:
         return Tour(order, seconds, {}, ())
     vias: dict[int, Matrix] = {}
@@ -112,7 +112,7 @@ def toured(q: Matrix, robot: Robot, start: Vector, free: Free | None, through: M
             blocked.append(leg)
         else:
             vias[leg] = around
-            seconds[leg] = _seconds(np.vstack([a, around, b]), speeds)
+            seconds[leg] = _leg_times(np.vstack([a, around, b]), speeds).sum()
     return Tour(order, seconds, vias, tuple(blocked))
 
 
@@ -129,8 +129,9 @@ def on_the_way(a: Vector, b: Vector) -> Matrix:
     return np.asarray(a + np.linspace(0, 1, steps)[:, None] * (b - a))
 
 
-def _seconds(stations: Matrix, speeds: Vector) -> float:
-    return float((np.abs(np.diff(stations, axis=0)) / speeds).max(axis=1).sum())
+def _leg_times(stations: Matrix, speeds: Vector) -> Vector:
+    """Seconds from each of some stations (n, inputs) to the next, (n - 1,)."""
+    return np.asarray((np.abs(np.diff(stations, axis=0)) / speeds).max(axis=1))
 
 
 def _via(a: Vector, b: Vector, through: Matrix, speeds: Vector, free: Free) -> Matrix | None:

@@ -14,10 +14,9 @@ from urdfcal.base.errors import InputError, RobotError
 from urdfcal.base.geometry import Vector
 from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.robot.entities import refuse_entities
-from urdfcal.robot.urdf_writer import numbers, tag_end
+from urdfcal.robot.urdf_writer import ATTRIBUTE, numbers, tag_end
 from urdfcal.robot.urdf_xml import number_fault
 
-_ATTRIBUTE = re.compile(rb"""\s([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 _BLANK = re.compile(rb"[ \t\r\n]*")
 
 
@@ -102,8 +101,8 @@ class Document:
     def with_attributes(self, element: Element, values: dict[str, Vector], gone: Iterable[str] = ()) -> list[Edit]:
         """Edits that give an element's attributes numbers, and take some of its attributes away."""
         tag = self.text[element.start : element.end]
-        spans = {match[1].decode(): match.span(2) for match in _ATTRIBUTE.finditer(tag)}
-        whole = {match[1].decode(): match.span() for match in _ATTRIBUTE.finditer(tag)}
+        spans = {match[1].decode(): match.span(2) for match in ATTRIBUTE.finditer(tag)}
+        whole = {match[1].decode(): match.span() for match in ATTRIBUTE.finditer(tag)}
         edits = [self._edit(element, *whole[name], b"") for name in gone if name in whole]
         edits += [self._edit(element, spans[name][0] + 1, spans[name][1] - 1, _ascii(own)) for name, own in values.items() if name in spans]
         new = b"".join(b' %s="%s"' % (name.encode(), _ascii(own)) for name, own in values.items() if name not in spans)
