@@ -94,6 +94,17 @@ def test_the_inside_of_a_mesh_is_solid(tmp_path: Path) -> None:
     assert not cell_of(robot, scene=tmp_path / "scene.yaml").free(random_positions(robot, 20, np.random.default_rng(0))).any()
 
 
+def test_flat_meshes_are_taken_as_they_are(tmp_path: Path) -> None:
+    """A mesh of one triangle has no hull; it is looked at all the same."""
+    (tmp_path / "leaf.obj").write_text("v -0.2 0 0\nv 0.2 0 0\nv 0 0.2 0\nf 1 2 3\n")
+    leaf = '<collision><geometry><mesh filename="leaf.obj"/></geometry></collision>'
+    text = URDF.replace('<link name="tool"/>', f'<link name="tool">{leaf}</link>')
+    (tmp_path / "scene.yaml").write_text("boxes: {hall: {size_mm: [9000, 9000, 9000]}}\n")
+    robot = robot_of(text, str(tmp_path / "small.urdf"))
+    assert not cell_of(robot, scene=tmp_path / "scene.yaml").free(np.zeros((1, 3))).any()
+    assert cell_of(robot).free(np.zeros((1, 3))).all()
+
+
 def test_neighbours_and_what_an_srdf_names_are_not_looked_at(tmp_path: Path) -> None:
     """Neighbours may touch, over links without a shape too; others may not, unless an SRDF beside the robot says so."""
     robot = boxed(tmp_path, "upper", "tool", "base")

@@ -16,6 +16,7 @@ import yaml
 import urdfcal
 from tests.conftest import CliResult
 from tests.support.paths import ROBOTS_DIR
+from tests.support.small_robot import URDF
 from urdfcal.cell.collisions import cell_of
 from urdfcal.planning.tour import on_the_way
 from urdfcal.robot.robot import load_robot
@@ -69,6 +70,16 @@ def test_chosen_poses_tell_more_than_random_ones(run_cli: Run) -> None:
     assert Path("p.csv").read_text().count(",test,") == 1
 
 
+def test_a_robot_without_a_rig_is_planned_for(run_cli: Run, tmp_path: Path) -> None:
+    """No laser and no screen are asked for where a tracker measures; a slide is a joint like others, in m."""
+    (tmp_path / "bare.urdf").write_text(URDF.replace("laser_", "lamp_").replace("screen", "wall"))
+    done = run_cli("poses", "bare.urdf", "-o", "p.csv", "--sensor", "point:tool", "--candidates", "60", "-n", "10", "--verbose", "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["joints"] == ["turn", "lift", "slide"]
+    assert np.ptp(np.array(told["poses"])[:, 2]) <= 0.3
+
+
 def test_as_few_as_suffice(run_cli: Run) -> None:
     """--until-mm stops where the prediction is there, and what was measured already counts."""
     words = ("poses", UR5, *POINT, "--candidates", "150", "--no-collisions", "--until-mm", "0.3", "--json")
@@ -102,6 +113,8 @@ def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
         ((*POINT, "-n", "5", "--until-mm", "1"), "-n and --until-mm both say how many poses"),
         ((*POINT, "--no-collisions", "--scene", "s.yaml"), "--scene is for collisions, which --no-collisions leaves out"),
         ((*POINT, "--scene", "none.yaml"), "none.yaml: cannot be read"),
+        ((*POINT, "--speed", "0"), "--speed 0: expected"),
+        ((*POINT, "--clearance-mm", "-1"), "a clearance of -1 mm: expected a number from 0 to 1000 mm"),
         (("--sensor", "socket:tool0"), "socket:tool0 touches"),
         ((*POINT, "--scene", "full.yaml"), "random poses is free"),
         ((*POINT, "--trajectory", "t.csv"), "t.csv"),

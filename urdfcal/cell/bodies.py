@@ -89,7 +89,7 @@ def hull(form: Any) -> Any:
         return form
     try:
         form.buildConvexHull(True, "Qt")
-    except ValueError:  # flat
+    except (ValueError, RuntimeError):  # flat, or too few corners
         return form
     return form.convex
 

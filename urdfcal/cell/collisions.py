@@ -1,8 +1,8 @@
 """At which poses a robot touches neither itself nor what stands around it, by coal through Pinocchio.
 
-Not looked at are links of one rigid body, neighbours (over links without a shape, too), pairs that an SRDF leaves out, and pairs that
-touch in every random pose, of which nothing would be left. Meshes are convex hulls, which are larger; two hulls that touch in every pose
-are taken as the meshes themselves.
+Not looked at are links that the measured joints do not move against each other, neighbours (over links without a shape, too), pairs that
+an SRDF leaves out, and links that touch in every random pose, of which nothing would be left. The robot's meshes are convex hulls, which
+are larger, and where these touch they are looked at themselves.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,11 @@ import pinocchio as pin
 from lxml import etree
 
 from urdfcal.base.errors import RobotError, UsageError
-from urdfcal.base.geometry import MM, Mask, Matrix
+from urdfcal.base.geometry import MM, Mask, Matrix, Vector
 from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.cell.bodies import Bodies, bodies_of
 from urdfcal.cell.scene import add_scene
+from urdfcal.robot.chain import leader_of
 from urdfcal.robot.configurations import WholeRobot, random_positions
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_xml import read_xml
@@ -51,15 +53,16 @@ class Cell:
 
     def free(self, q: Matrix) -> Mask:
         """At which positions of the measured joints (n, inputs) nothing touches, (n,)."""
-        whole = _whole(self.robot, q)
-        free = self._free(self.model, self._placed, whole)
-        touching = np.flatnonzero(~free)
-        free[touching] = self._free(self.exact, self._placed_exactly, whole[touching])
-        return free
+        return np.array([self._is_free(row) for row in _whole(self.robot, q)], dtype=bool)
 
-    def _free(self, shapes: Any, placed: Any, whole: Matrix) -> Mask:
-        model, data = self.robot.model, self._data
-        return np.array([not pin.computeCollisions(model, data, shapes, placed, row, True) for row in whole], dtype=bool)
+    def _is_free(self, configuration: Vector) -> bool:
+        """Whether no hulls touch, or where they do, not what is in them."""
+        model, data, hulls, exact = self.robot.model, self._data, self._placed, self._placed_exactly
+        if not pin.computeCollisions(model, data, self.model, hulls, configuration, False):
+            return True
+        pin.updateGeometryPlacements(model, data, self.exact, exact)
+        near = (index for index, found in enumerate(hulls.collisionResults) if found.isCollision())
+        return not any(pin.computeCollision(self.exact, exact, index) for index in near)
 
     @cached_property
     def _data(self) -> Any:
@@ -79,17 +82,11 @@ class Cell:
 
     @cached_property
     def _placed(self) -> Any:
-        return self._with_margins(self.model)
+        return _placed(self.model, self.margins)
 
     @cached_property
     def _placed_exactly(self) -> Any:
-        return self._with_margins(self.exact)
-
-    def _with_margins(self, shapes: Any) -> Any:
-        placed = shapes.createData()
-        for index, margin in enumerate(self.margins):
-            placed.collisionRequests[index].security_margin = margin
-        return placed
+        return _placed(self.exact, self.margins)
 
 
 def cell_of(
@@ -128,7 +125,7 @@ def cell_of(
     exact = _as_they_are(bodies)
     poses = _whole(robot, random_positions(robot, _SAMPLES, np.random.default_rng(seed)))
     always = _without_always(robot, bodies, exact, poses)
-    near = _touching(robot, exact, _with_margin(exact, clearance), poses).all(axis=0)
+    near = _touching(robot, exact, _placed(exact, repeat(clearance, len(exact.collisionPairs))), poses).all(axis=0)
     warnings = list(bodies.warnings)
     if always:
         warnings.append(f"not looked at are {'; '.join(always)}, which touch in each of {_SAMPLES} random poses")
@@ -146,13 +143,22 @@ def _owner(robot: Robot, shape: Any) -> str:
 
 
 def _pairs(robot: Robot, bodies: Bodies, left_out: set[_Names]) -> Iterable[tuple[int, int]]:
+    """Shapes that the measured joints move against each other; the others stay as they are."""
     shapes, links = bodies.model.geometryObjects, bodies.links
+    moving = _moving(robot)
+    moved = [moving.intersection(robot.model.supports[shape.parentJoint]) for shape in shapes]
     for second in range(len(shapes)):
         for first in range(second):
-            one, other = shapes[first], shapes[second]
-            names = frozenset(filter(None, (links.get(one.name), links.get(other.name))))
-            if one.parentJoint != other.parentJoint and names not in left_out:
+            names = frozenset(filter(None, (links.get(shapes[first].name), links.get(shapes[second].name))))
+            if moved[first] != moved[second] and names not in left_out:
                 yield first, second
+
+
+def _moving(robot: Robot) -> set[int]:
+    """Joints of the model that the measured ones move: they themselves, and those that follow them."""
+    inputs, joints = set(robot.chain.input_names), robot.tree.joints
+    driven = {name for name, joint in joints.items() if leader_of(robot.tree, joint)[0].name in inputs}
+    return {index for index, name in enumerate(robot.model.names) if name in driven}
 
 
 def _neighbours(robot: Robot, bodies: Bodies) -> Iterable[_Names]:
@@ -180,9 +186,10 @@ def _disabled(path: Path) -> Iterable[_Names]:
         yield frozenset((pair.get("link1", ""), pair.get("link2", "")))
 
 
-def _with_margin(model: Any, margin: float) -> Any:
+def _placed(model: Any, margins: Iterable[float]) -> Any:
+    """Data of a geometry model whose pairs are to stay so far apart, [m]."""
     placed = model.createData()
-    for request in placed.collisionRequests:
+    for request, margin in zip(placed.collisionRequests, margins, strict=True):
         request.security_margin = margin
     return placed
 

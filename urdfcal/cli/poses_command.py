@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from urdfcal.sensors.measurements import Measurements
 
 _TEST = 5  # every such pose is to test on
+_DRAWN = 300  # random positions, of which the free ones are what legs may go around by
 _MOST = 200  # poses that --until tries
 _TRAJECTORY = (".yaml", ".yml")
 
@@ -115,6 +116,7 @@ def poses(
     from urdfcal.output.text.poses import plan_csv, plan_json, plan_lines, trajectory_yaml
 
     require_no_json(as_json, output)
+    positive("--speed", speed)
     _require_sense(n, until, scene if not collisions else None, srdf if not collisions else None)
     arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_poses.csv")
@@ -127,12 +129,12 @@ def poses(
     if not overwrite:
         for place in places:
             require_marked(place, (made_of,), "result of urdfcal poses from the same files")
-    say(verbose, about(arm))
     earlier = measured(arm, have, None, reference)[1] if have else None
-    cells = _Cells(scene, srdf, positive("--clearance-mm", clearance_mm) or 0.0, seed) if collisions else None
+    cells = _Cells(scene, srdf, clearance_mm, seed) if collisions else None
     with Working("choosing poses", quiet):
         plan = _plan(arm, tuple(sensor or ("laser",)), n, until, tool, earlier, cells, candidates, reference, seed)
         tour = _toured(plan, cells)
+    say(verbose, about(plan.robot))
     warn(cells.warnings if cells else (), quiet)
     warn(_not_driven(plan, tour), quiet)
     if until is not None and plan.tool_sigma_mm[-1] > until:
@@ -228,7 +230,7 @@ def _toured(plan: PosePlan, cells: _Cells | None) -> Tour:
     robot, home = plan.robot, np.zeros(plan.q.shape[1])
     if cells is None:
         return toured(plan.q, robot, home, None, plan.q)
-    drawn = random_positions(robot, 300, np.random.default_rng(cells.seed))
+    drawn = random_positions(robot, _DRAWN, np.random.default_rng(cells.seed))
     through = np.concatenate([plan.q, drawn[cells.free(robot, drawn)]])
     return toured(plan.q, robot, home, lambda q: cells.free(robot, q), through)
 
