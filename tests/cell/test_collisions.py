@@ -125,6 +125,22 @@ def test_what_always_touches_is_left_out_and_said(tmp_path: Path) -> None:
     assert cell.free(np.zeros((1, 3))).all()
 
 
+@pytest.mark.parametrize(("middle", "left_out"), [(4.75, True), (-4.25, False)], ids=["at zero, too", "not at zero"])
+def test_what_overlaps_at_zero_and_at_most_positions_is_drawn_so(middle: float, left_out: bool, tmp_path: Path) -> None:
+    """A pair that touches at more than half of all positions is left out where it does at zero, too, and looked at where it does not."""
+    block = BOX.replace("0.1 0.1 0.1", "9 9 9").replace("<geometry>", f'<origin xyz="{middle} 0 0"/><geometry>')
+    text = URDF.replace('<link name="base"/>', f'<link name="base">{block}</link>').replace('"0.3" effort', '"0.1" effort')
+    text = text.replace('<link name="tool"/>', f'<link name="tool">{BOX}</link>').replace(
+        '<link name="upper"/>', f'<link name="upper">{BOX}</link>'
+    )
+    robot = robot_of(text, str(tmp_path / "small.urdf"))
+    q = random_positions(robot, 300, np.random.default_rng(1))
+    cell = cell_of(robot, clearance=0.0)
+    assert ("not looked at are base and tool" in " ".join(cell.warnings)) == left_out
+    assert cell.free(q).all() == left_out
+    assert left_out or 0.05 < cell.free(q).mean() < 0.5
+
+
 def test_links_without_their_mesh_are_simple_shapes_and_said(tmp_path: Path) -> None:
     """A missing mesh, one outside the robot's folders, and one with endless corners are not read; simple shapes stand for their links."""
     (tmp_path / "bad.obj").write_text("v nan 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")

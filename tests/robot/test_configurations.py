@@ -79,6 +79,14 @@ def test_a_measured_range_stands_for_limits_that_leave_no_room(rng: np.random.Ge
     np.testing.assert_array_equal(joint_limits(robot, q[:0]), joint_limits(robot))
 
 
+def test_limits_farther_than_any_joint_goes_are_none() -> None:
+    """Joints that a simulator lets go to 1e16 are drawn as ones without limits; some turns of a winch are limits."""
+    endless = HELD.replace('lower="-1" upper="2"', 'lower="-1e16" upper="1e16"').replace('lower="0" upper="0"', 'lower="0" upper="1e9"')
+    np.testing.assert_array_equal(joint_limits(seen(endless)).T[[1, 3]], [[-np.pi, np.pi], [-1, 1]])
+    winch = HELD.replace('lower="-1" upper="2"', 'lower="-40" upper="400"')
+    np.testing.assert_array_equal(joint_limits(seen(winch)).T[1], [-40, 400])
+
+
 def test_no_room_at_all_is_refused() -> None:
     """A robot in which something moves is drawn; one in which nothing does is refused with the joints' names and the way out."""
     require_room(seen(HELD))

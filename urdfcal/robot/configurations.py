@@ -14,12 +14,13 @@ from urdfcal.robot.chain import leader_of
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
 
-_FREE_TURN = np.pi  # how far a continuous joint is turned either way
+_FREE = {"continuous": np.pi, "revolute": np.pi, "prismatic": 1.0}  # how far a joint without limits is moved either way, [rad] or [m]
+_ENDLESS = 1e3  # [rad] or [m]: limits beyond are none; simulators' files write 1e16
 _ROOM = 1e-6  # [rad] or [m]: limits nearer to each other hold a joint
 
 
 def joint_limits(robot: Robot, measured: Matrix | None = None) -> Matrix:
-    """Lower and upper limits of the measured joints, (2, inputs); a continuous joint gets half a turn either way.
+    """Lower and upper limits of the measured joints, (2, inputs); a joint without gets half a turn, or a metre, either way.
 
     Args:
         robot: The robot.
@@ -33,7 +34,8 @@ def joint_limits(robot: Robot, measured: Matrix | None = None) -> Matrix:
 
 def _span(joint: UrdfJoint) -> tuple[float, float]:
     """Between which positions a joint is drawn, [rad] or [m]."""
-    return (-_FREE_TURN, _FREE_TURN) if joint.type == "continuous" else (joint.lower, joint.upper)
+    free = _FREE[joint.type]
+    return (-free, free) if joint.upper - joint.lower > _ENDLESS else (joint.lower, joint.upper)
 
 
 def has_room(joint: UrdfJoint) -> bool:
