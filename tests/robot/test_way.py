@@ -15,6 +15,7 @@ from urdfcal.robot.way import Way
 
 ARMS = {
     "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0", None),
+    "ur5_base_aside": ("ur_description/urdf/ur5_robot.urdf", "tool0", "base"),
     "panda": ("panda_description/urdf/panda.urdf", "panda_leftfinger", None),
     "tiago": ("tiago_description/robots/tiago.urdf", "arm_tool_link", "torso_lift_link"),
     "tiago_torso": ("tiago_description/robots/tiago.urdf", "arm_7_link", None),

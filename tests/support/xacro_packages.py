@@ -49,7 +49,7 @@ def joint(name: str, parent: str, child: str, origin: str, kind: str = "revolute
     )
 
 
-def _package(body: str, args: dict[str, str] | None = None, shared: bool = False, joints: tuple[str, ...] = (), **files: str) -> Package:
+def package(body: str, args: dict[str, str] | None = None, shared: bool = False, joints: tuple[str, ...] = (), **files: str) -> Package:
     its = {"urdf/arm.urdf.xacro": robot(body).encode(), "package.xml": b"<package><name>arm_description</name></package>"}
     its |= {name.replace("__", "/").replace("_DOT_", "."): text.encode() for name, text in files.items()}
     return Package(its, args or {}, joints, shared)
@@ -60,7 +60,7 @@ BASE = '  <link name="base"/>\n'
 
 def literals() -> Package:
     """Numbers in the origins themselves, one origin absent, others half stated."""
-    return _package(
+    return package(
         BASE
         + joint("j1", "base", "l1", "<origin xyz='0 0  0.333' rpy=\"0 0 0\" />")
         + joint("j2", "l1", "l2", '<origin rpy="-1.5707963267948966 0 0"/>')
@@ -71,7 +71,7 @@ def literals() -> Package:
 
 def properties() -> Package:
     """Properties, of which some also tell how long a link looks."""
-    return _package(
+    return package(
         '  <xacro:property name="d1" value="0.333"/>\n  <xacro:property name="a2" value=" 0.425 "/>\n'
         + '  <xacro:property name="half" value="${pi/2}"/>\n'
         + '  <link name="base"><visual><origin xyz="0 0 ${d1/2}"/><geometry><box size="${d1} 1 1"/></geometry></visual></link>\n'
@@ -83,7 +83,7 @@ def properties() -> Package:
 
 def units() -> Package:
     """YAML in degrees and millimetres, with tags, quotes, flow lists and comments."""
-    return _package(
+    return package(
         '  <xacro:property name="k" value="${xacro.load_yaml(\'../config/kin.yaml\')}"/>\n'
         + BASE
         + joint("j1", "base", "l1", '<origin xyz="0 0 ${k.j1.z}" rpy="${k.j1.roll} 0 0"/>')
@@ -144,7 +144,7 @@ _UR_CALL = '<xacro:ur_robot prefix="{}" parent="world" kinematics_file="{}"><ori
 def ur() -> Package:
     """As ur_description: kinematics in a YAML that a macro loads into properties of its caller."""
     call = _UR_CALL.format("", "$(arg kinematics)", "0 0 0")
-    return _package(
+    return package(
         '  <xacro:arg name="kinematics" default="config/default.yaml"/>\n  <xacro:include filename="inc/ur_macro.xacro"/>\n'
         + f'  <link name="world"/>\n  {call}',
         urdf__inc__ur_macro_DOT_xacro=_ur_macro(),
@@ -154,7 +154,7 @@ def ur() -> Package:
 
 def two_arms() -> Package:
     """A cell with the same arm twice, each with a YAML of its own."""
-    return _package(
+    return package(
         '  <xacro:include filename="inc/ur_macro.xacro"/>\n  <link name="world"/>\n'
         + "  "
         + _UR_CALL.format("left_", "config/left.yaml", "0 0.5 0")
@@ -203,7 +203,7 @@ def franka() -> Package:
     limit = '<limit lower="-2" upper="2" effort="8" velocity="2"/>'
     place = "$(find arm_description)/robots/$(arg arm_id)/kin.yaml"
     call = f'<xacro:franka_arm arm_id="$(arg arm_id)" kinematics="${{xacro.load_yaml(\'{place}\')}}"/>'
-    return _package(
+    return package(
         '  <xacro:arg name="arm_id" default="fr3"/>\n  <xacro:include filename="$(find arm_description)/robots/arm.xacro"/>\n  ' + call,
         robots__arm_DOT_xacro=robot(_FRANKA.replace("LIMIT", limit)),
         robots__fr3__kin_DOT_yaml=yaml,
@@ -219,7 +219,7 @@ def franka_twice() -> Package:
     macro += joint("${id}_j1", "${id}_0", "${id}_1", '<xacro:kin name="j1" config="${config}"/>')
     macro += joint("${id}_j2", "${id}_1", "${id}_2", '<xacro:kin name="j2" config="${config}"/>') + "  </xacro:macro>\n"
     call = '  <xacro:fr_arm id="{}" config="${{xacro.load_yaml(\'kin.yaml\')}}"><origin xyz="0 {} 0"/></xacro:fr_arm>\n'
-    return _package(
+    return package(
         macro + BASE + call.format("left", 0.5) + call.format("right", -0.5),
         shared=True,
         urdf__kin_DOT_yaml="j1: {x: 0, z: 0.333, yaw: 0}\nj2: {x: 0.1, z: 0, yaw: 0.5}\n",
@@ -230,7 +230,7 @@ def calls() -> Package:
     """One macro for all joints, its numbers at the calls: words, rows of words, expressions."""
     macro = '  <xacro:macro name="axis" params="n parent xyz r:=0 y:=\'0\'">\n'
     macro += joint("j${n}", "${parent}", "l${n}", '<origin xyz="${xyz}" rpy="${radians(r)} 0 ${y}"/>') + "  </xacro:macro>\n"
-    return _package(
+    return package(
         macro
         + BASE
         + '  <xacro:axis n="1" parent="base" xyz="0 0 0.4" r="-90" y="0.1"/>\n'
@@ -246,7 +246,7 @@ def defaults() -> Package:
     macro += joint("${prefix}j1", "base", "${prefix}l1", '<origin xyz="0 0 ${z}" rpy="${roll} 0 0"/>')
     macro += joint("${prefix}j2", "${prefix}l1", "${prefix}l2", '<origin xyz="${xyz}" rpy="0 0 0"/>')
     macro += '    <xacro:insert_block name="block"/>\n  </xacro:macro>\n'
-    return _package(
+    return package(
         macro
         + BASE
         + '  <xacro:arm prefix="a_"><link name="tip"/></xacro:arm>\n'
@@ -260,7 +260,7 @@ def twice() -> Package:
     macro += joint("${side}_hip", "base", "${side}_thigh", '<origin xyz="0 0.1 0" rpy="0 0 ${pi/2}"/>')
     macro += joint("${side}_knee", "${side}_thigh", "${side}_shin", "<origin xyz='0.3 0 0'/>")
     macro += joint("${side}_ankle", "${side}_shin", "${side}_foot", "") + "  </xacro:macro>\n"
-    return _package(macro + BASE + '  <xacro:leg side="left"/>\n  <xacro:leg side="right" />', shared=True)
+    return package(macro + BASE + '  <xacro:leg side="left"/>\n  <xacro:leg side="right" />', shared=True)
 
 
 def nested() -> Package:
@@ -272,7 +272,7 @@ def nested() -> Package:
     outer = '  <xacro:include filename="finger.xacro" ns="f"/>\n  <xacro:macro name="hand" params="side">\n'
     outer += joint("${side}_wrist", "base", "${side}_palm", '<origin xyz="0 0 0.2" rpy="0 0 0"/>')
     outer += '    <xacro:f.finger name="${side}_a"/>\n    <xacro:f.finger name="${side}_b"/>\n  </xacro:macro>\n'
-    return _package(
+    return package(
         '  <xacro:include filename="hand.xacro"/>\n' + BASE + '  <xacro:hand side="left"/>\n  <xacro:hand side="right"/>',
         urdf__hand_DOT_xacro=robot(outer),
         urdf__finger_DOT_xacro=robot(inner),
@@ -282,7 +282,7 @@ def nested() -> Package:
 
 def conditions() -> Package:
     """Numbers under xacro:if and xacro:unless, chosen by an argument; one that is a count and a length at once."""
-    return _package(
+    return package(
         '  <xacro:arg name="long" default="true"/>\n  <xacro:arg name="reach" default="0.7"/>\n'
         + '  <xacro:property name="dof" value="2"/>\n'
         + BASE
@@ -303,7 +303,7 @@ def dictionary() -> Package:
         joint("j${n}", "${parent}", "l${n}", '<origin xyz="${o[0]} ${o[1]} ${o[2]}" rpy="${o[3]} ${o[4]} ${o[5]}"/>') + "  </xacro:macro>\n"
     )
     table = "${dict([(1, [0, 0, 0.4, 0, 0, 0]), (2, [0.1, -0.2, 0, -1.57, 0, 0.5])])}"
-    return _package(
+    return package(
         f'  <xacro:property name="table" value="{table}"/>\n'
         + macro
         + BASE
@@ -317,7 +317,7 @@ def loop() -> Package:
     macro += joint("j_${n}", "${parent}", "l_${n}", "<origin xyz=\"${k[n]['x']} 0 ${k[n]['z']}\" rpy=\"0 ${k[n]['pitch']} 0\"/>")
     macro += '    <xacro:if value="${len(names) > 1}">\n'
     macro += '      <xacro:chain names="${names[1:]}" parent="l_${n}"/>\n    </xacro:if>\n  </xacro:macro>\n'
-    return _package(
+    return package(
         '  <xacro:property name="k" value="${xacro.load_yaml(\'kin.yaml\')}"/>\n'
         + macro
         + BASE
@@ -331,7 +331,7 @@ def blocks() -> Package:
     """Origins as blocks: in properties, handed to a macro, made by xacro:attribute."""
     macro = '  <xacro:macro name="axis" params="n parent *origin">\n'
     macro += joint("j${n}", "${parent}", "l${n}", '<xacro:insert_block name="origin"/>') + "  </xacro:macro>\n"
-    return _package(
+    return package(
         '  <xacro:property name="at">\n    <origin xyz="0 0 0.2"/>\n  </xacro:property>\n'
         + macro
         + BASE
@@ -358,7 +358,7 @@ def crlf_latin() -> Package:
 
 def one_property() -> Package:
     """A row of numbers in a property that two joints share, each origin being its own."""
-    return _package(
+    return package(
         '  <xacro:property name="xyz" value="0 0 0.25"/>\n  <xacro:property name="rpy" value="0 0 0"/>\n'
         + BASE
         + joint("j1", "base", "l1", '<origin xyz="${xyz}" rpy="${rpy}"/>')
@@ -368,7 +368,7 @@ def one_property() -> Package:
 
 def evaluated() -> Package:
     """`$(eval ...)`, an argument as text, a choice in an expression, an origin over several lines."""
-    return _package(
+    return package(
         '  <xacro:arg name="n" default="0.3"/>\n  <xacro:property name="t" value="b"/>\n'
         + BASE
         + joint("j1", "base", "l1", '<origin xyz="$(eval 0.1 + 0.2) 0 ${xacro.arg(\'n\')}" rpy="0 0 $(arg n)"/>')
@@ -383,7 +383,7 @@ def scopes() -> Package:
     macro = '  <xacro:macro name="setup">\n    <xacro:property name="z" value="0.44" scope="parent"/>\n'
     macro += '    <xacro:property name="gx" value="${0.1}" scope="global"/>\n  </xacro:macro>\n  <xacro:setup/>\n'
     again = '  <xacro:property name="z" value="0.55"/>\n'
-    return _package(
+    return package(
         macro
         + BASE
         + joint("j1", "base", "l1", '<origin xyz="${gx} 0 ${z}" rpy="0 0 0"/>')
@@ -394,7 +394,7 @@ def scopes() -> Package:
 
 def anchors() -> Package:
     """YAML with an anchor, so that one entry is read for two joints."""
-    return _package(
+    return package(
         '  <xacro:property name="k" value="${xacro.load_yaml(\'kin.yaml\')}"/>\n'
         + BASE
         + joint("j1", "base", "l1", '<origin xyz="${k.a.x} ${k.a.y} ${k.a.z}" rpy="${k.a.r} 0 0"/>')
@@ -409,7 +409,7 @@ def mirrored() -> Package:
     macro += (
         joint("${side}_a", "base", "${side}_1", '<origin xyz="0 ${reflect*0.2} 0.1" rpy="${reflect*pi/2} 0 0"/>') + "  </xacro:macro>\n"
     )
-    return _package(macro + BASE + '  <xacro:arm side="l" reflect="1"/>\n  <xacro:arm side="r" reflect="-1"/>', shared=True)
+    return package(macro + BASE + '  <xacro:arm side="l" reflect="1"/>\n  <xacro:arm side="r" reflect="-1"/>', shared=True)
 
 
 PACKAGES: dict[str, Callable[[], Package]] = {

@@ -15,6 +15,7 @@ from urdfcal.cli.places import deliver, named, page_place, require_no_json, requ
 
 if TYPE_CHECKING:
     from urdfcal.deploy.false_targets import Placements
+    from urdfcal.deploy.targets import TargetFile
     from urdfcal.robot.robot import Robot
     from urdfcal.robot.way import Way
 
@@ -47,10 +48,19 @@ def correct(
     ] = None,
     tool: Annotated[
         str | None,
-        typer.Option(metavar="LINK", help="The link that targets are of. Default: the one that was measured.", show_default=False),
+        typer.Option(
+            metavar="LINK",
+            help="The link that targets are of. Default: the one that was measured; of programs its tool0.",
+            show_default=False,
+        ),
     ] = None,
     base: Annotated[
-        str | None, typer.Option(metavar="LINK", help="The link that placements are told in. Default: the root.", show_default=False)
+        str | None,
+        typer.Option(
+            metavar="LINK",
+            help="The link that placements are told in. Default: the root; of programs the link base beside tool0, if there is one.",
+            show_default=False,
+        ),
     ] = None,
     near: Annotated[
         str | None,
@@ -65,7 +75,7 @@ def correct(
         typer.Option(
             metavar="NAME=X,Y,Z,...",
             help="A frame that a program names and has no numbers of, in its language's own, mm and deg: a tool or work object of RAPID's, "
-            "TOOL_DATA[1] or BASE_DATA[1] of KRL's, UT1 or UF1 of Fanuc's; repeatable.",
+            "TOOL_DATA[1] or BASE_DATA[1] of KRL's, UT1 or UF1 of Fanuc's; tcp of URScript, in m and rad; repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -93,7 +103,6 @@ def correct(
     from urdfcal.output.accounts import account_of
     from urdfcal.output.replaced import inputs_sha256, require_same
     from urdfcal.output.text.targets import target_blocks, targets_json
-    from urdfcal.robot.way import Way
 
     require_no_json(as_json, output)
     place = named(output, f"{targets.stem}_corrected{targets.suffix}")
@@ -104,7 +113,7 @@ def correct(
     stored = stored_calibration(calibration)
     real = account_of(stored, arm)
     measured = stored.measured if stored.measured in arm.tree.links else ""
-    nominal = Way.between(arm, tool or measured or default_tool(Account(str(robot), arm), real), base)
+    nominal = _way(arm, tool, measured or default_tool(Account(str(robot), arm), real), base, is_program(targets))
     if frame and not is_program(targets):
         raise UsageError(f"--frame {frame[0]}: is about robot programs, and {targets} is a table; --base names the base")
     file = read_program(targets, nominal, frame or ()) if is_program(targets) else read_targets(targets, nominal)
@@ -121,12 +130,35 @@ def correct(
         sources = {"robot": robot, "targets": targets, "calibration": calibration, "compensation": compensation}
         files[page] = targets_page(found, nominal, targets, file.said, sources.items(), made_of)
     deliver(files)
-    warn(file.said, quiet)
+    warn((*file.said, *_bases(nominal, base, file)), quiet)
     warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
     machine = None
     if as_json:
         machine = targets_json(found) | {"file": str(place), "made_of": made_of} | ({"report": str(page)} if page else {})
     show(machine, [*target_blocks(found, nominal), "", f"wrote {listed(told(files))}"])
+
+
+def _way(robot: Robot, tool: str | None, measured: str, base: str | None, program: bool) -> Way:
+    """From the base to the tool: as stated, of a program the controller's own, else from the root to what was measured."""
+    from urdfcal.deploy.ends import base_of, flange_of
+    from urdfcal.robot.way import Way
+
+    if program:
+        tool = tool or flange_of(robot.tree, measured)
+        base = base or base_of(robot.tree, flange_of(robot.tree, tool or measured)) or None
+    return Way.between(robot, tool or measured, base)
+
+
+def _bases(way: Way, stated: str | None, file: TargetFile) -> list[str]:
+    """That a table's placements may be told in another base than was taken, where the controller has one of its own."""
+    from urdfcal.deploy.ends import base_of, flange_of
+    from urdfcal.deploy.programs.languages import is_program
+
+    own = base_of(way.robot.tree, flange_of(way.robot.tree, way.tool))
+    jointed = all(target.orientation is None for target in file.targets)
+    if stated or jointed or is_program(file.path) or own in ("", way.base):
+        return []
+    return [f"placements are taken to be told in '{way.base}'; if they are the controller's own numbers, --base {own}"]
 
 
 def _placements(nominal: Way, real: Robot, compensation: Path | None, package_dirs: list[Path] | None) -> Placements:

@@ -13,6 +13,8 @@ import numpy as np
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.files import is_yaml, sha256
 from urdfcal.base.version import __version__
+from urdfcal.cli.console import Working, say
+from urdfcal.cli.inputs import listed
 from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
 from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload
@@ -27,6 +29,7 @@ from urdfcal.output.sources.wanted import SourcesWish
 if TYPE_CHECKING:
     from urdfcal.api import Calibration
     from urdfcal.calibration.analysis.sag import SagFit
+    from urdfcal.model.options import ModelOptions
     from urdfcal.output.text.result import Extras
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.measurements import Measurements
@@ -186,6 +189,23 @@ def with_sources(plan: Deployment, *, split: bool, folder: Path | None, in_place
         if given and "xacro" not in plan.places:
             raise UsageError(f"{option} means something with --format xacro alone")
     return replace(plan, sources=SourcesWish(split, folder, in_place, overwrite))
+
+
+def require_sources(robot: Robot, options: ModelOptions, data: Measurements, plan: Deployment, quiet: bool) -> None:
+    """Refuse a xacro whose sources cannot take what a fit would find, before the fit takes its time; else say which will change.
+
+    Raises:
+        RobotError: a number cannot be corrected where it stands; names it by file and line.
+    """
+    from urdfcal.output.sources.rehearsal import rehearsed
+
+    if "xacro" not in plan.places:
+        return
+    with Working("trying whether the xacro's sources can take a calibration", quiet):
+        patch = rehearsed(robot, options, data.session_names, split=plan.sources.split)
+        plan.sources.files(patch)
+    if patch.after:
+        say(not quiet, f"the calibration goes into {listed(map(patch.layout.way, patch.after))}")
 
 
 @dataclass(frozen=True)

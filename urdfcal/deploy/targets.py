@@ -12,12 +12,14 @@ import numpy as np
 from urdfcal.base.errors import InputError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.base.reading import PROGRAM, content_of
-from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, solved, spoken
+from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, reach, solved, spoken
 from urdfcal.deploy.orientations import Orientation
 from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.robot.way import Way
 
 _DIGITS = {1.0: 9, MM: 5, DEG: 6}  # behind the point that a number at least gets, by its unit's size: under a micrometre and a microradian
+_NEXT = 10 * DEG  # [rad], [m] by which the positions of one placement are near those of the one before
+_LEAST, _MOST = 8, 128  # placements that are sought at once
 _EXPONENT = re.compile(r"[eE]")
 
 
@@ -209,25 +211,67 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
             _require_reached(file, file.targets[row], reached, index)
         return reached.q
     found: list[Vector] = []
-    for target in file.targets:
-        if target.orientation is None:
-            near = target.values
-            continue
-        near = target.near if target.near is not None else near
-        if near is None and target.fits is not None:
-            near = np.clip(np.zeros(len(way.names)), *way.limits)
-        if near is None:
-            raise InputError(
-                "nothing says in which configuration this placement is reached, no joint target stands before it; "
-                "--near names positions of the joints",
-                file.path,
-                target.line,
-            )
-        reached = solved(way, wanted[len(found)][None], near[None], target.fits)
-        _require_reached(file, target, reached, 0)
-        near = reached.q[0]
-        found.append(near)
+    size = _LEAST
+    while len(found) < len(rows):
+        first = len(found)
+        target = file.targets[rows[first]]
+        begin = _near(file, way, rows, first, found[-1] if found else near)
+        block = _following(file, rows, first, size)
+        more = _chained(way, [file.targets[row] for row in block], wanted[first : first + len(block)], begin)
+        size = min(_MOST, 2 * size) if len(more) == len(block) else max(_LEAST, len(more))
+        if not more:
+            reached = solved(way, wanted[first][None], begin[None], target.fits)
+            _require_reached(file, target, reached, 0)
+            more = [reached.q[0]]
+        found += more
     return np.array(found)
+
+
+def _near(file: TargetFile, way: Way, rows: Sequence[int], first: int, before: Vector | None) -> Vector:
+    """Positions in whose configuration a placement is reached: its own, those of the joint target before it, or of the placement before.
+
+    Raises:
+        InputError: nothing says it.
+    """
+    target = file.targets[rows[first]]
+    if target.near is not None:
+        return target.near
+    between = file.targets[rows[first - 1] + 1 if first else 0 : rows[first]]
+    if between:
+        return between[-1].values
+    if before is None and target.fits is not None:
+        return np.asarray(np.clip(np.zeros(len(way.names)), *way.limits))
+    if before is None:
+        raise InputError(
+            "nothing says in which configuration this placement is reached, no joint target stands before it; "
+            "--near names positions of the joints",
+            file.path,
+            target.line,
+        )
+    return before
+
+
+def _following(file: TargetFile, rows: Sequence[int], first: int, size: int) -> Sequence[int]:
+    """Placements from one on that follow each other without a joint target, or positions of their own, between them."""
+    end = first + 1
+    while end < min(first + size, len(rows)) and rows[end] == rows[end - 1] + 1 and file.targets[rows[end]].near is None:
+        end += 1
+    return rows[first:end]
+
+
+def _chained(way: Way, targets: Sequence[Target], wanted: Array3, begin: Vector) -> list[Vector]:
+    """Positions of the first of several placements, all sought at once from where the first is: as long as each is near the one before.
+
+    So near to one way to reach the placement before there is no other one to reach this; it is what would be found from there.
+    """
+    reached, found = reach(way, way.placements, wanted, np.repeat(begin[None], len(wanted), axis=0)), list[Vector]()
+    for target, q, whole in zip(targets, reached.q, reached.whole, strict=True):
+        fits = target.fits is None or bool(target.fits(q[None])[0])
+        if not whole or not fits or np.abs(q - begin).max() > _NEXT:
+            break
+        found.append(q)
+        begin = q
+    return found
 
 
 def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:

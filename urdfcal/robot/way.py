@@ -30,7 +30,7 @@ class Way:
 
     Attributes:
         robot: The robot.
-        base: The link from which the tool is seen.
+        base: The link from which the tool is seen; it carries the tool, or is fixed to a link that does, as a UR's `base` is.
         tool: The link that is moved.
     """
 
@@ -48,19 +48,32 @@ class Way:
         tree = robot.tree
         tree.require_link(tool)
         way = cls(robot, tree.require_link(base or tree.root), tool)
-        path = tree.path_from_root(tool)
-        if way.base != tree.root and way.base not in {joint.child for joint in path}:
+        if way.begin not in way._links:
             raise RobotError(f"the link '{way.base}' does not carry '{tool}'", robot.description.label)
         if not way.inputs:
             raise RobotError(f"no joint moves '{tool}' in '{way.base}'", robot.description.label)
         return way
 
     @cached_property
+    def _links(self) -> list[str]:
+        """All links from the root to the tool."""
+        return [self.robot.tree.root, *(joint.child for joint in self.robot.tree.path_from_root(self.tool))]
+
+    @cached_property
+    def begin(self) -> str:
+        """The link that the path begins at: the base, or the one that it is fixed to where it stands aside."""
+        return self.base if self.base in self._links else self.robot.tree.moving_link(self.base)
+
+    @cached_property
     def path(self) -> tuple[UrdfJoint, ...]:
-        """All joints of the way, in order."""
-        own, children = self.robot.tree.path_from_root(self.tool), [self.robot.tree.root]
-        children += [joint.child for joint in own]
-        return tuple(own[children.index(self.base) :])
+        """All joints from where it begins, in order."""
+        return tuple(self.robot.tree.path_from_root(self.tool)[self._links.index(self.begin) :])
+
+    @property
+    def _aside(self) -> list[UrdfJoint]:
+        """The fixed joints from where it begins to a base that stands aside."""
+        tree = self.robot.tree
+        return [] if self.begin == self.base else tree.path_from_root(self.base)[len(tree.path_from_root(self.begin)) :]
 
     @cached_property
     def inputs(self) -> tuple[UrdfJoint, ...]:
@@ -82,7 +95,7 @@ class Way:
     def segments(self) -> tuple[tuple[UrdfJoint | None, SE3], ...]:
         """Each moving joint with its placement behind the one before it; last, without a joint, the tool's behind the last of them."""
         found: list[tuple[UrdfJoint | None, SE3]] = []
-        pending: list[SE3] = []
+        pending = [joint.origin.inverse() for joint in reversed(self._aside)]
         for joint in self.path:
             pending.append(joint.origin)
             if joint.moves:

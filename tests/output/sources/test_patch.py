@@ -13,6 +13,7 @@ import pytest
 
 from tests.conftest import CliResult
 from tests.support.helpers import assert_poses_close
+from tests.support.xacro_idioms import IDIOMS
 from tests.support.xacro_packages import PACKAGES, calls, crlf_latin, joint, twice, ur
 from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.geometry import SE3
@@ -21,23 +22,24 @@ from urdfcal.output.sources.patch import SourcePatch, patched_sources
 from urdfcal.robot.robot import Robot, load_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
 
-PATCHED = [name for name, made in PACKAGES.items() if not made().shared]
-SPLIT = [name for name, made in PACKAGES.items() if made().shared and name != "loop"]
-QUICK = ("properties", "units", "ur", "conditions", "nested")  # the others run with the slow tests
+ALL = PACKAGES | IDIOMS
+PATCHED = [name for name, made in ALL.items() if not made().shared]
+SPLIT = [name for name, made in ALL.items() if made().shared and name != "loop"]
+QUICK = ("properties", "units", "ur", "conditions", "nested", "offsets_aside", "millimetres")  # the others run with the slow tests
 _ADDED = re.compile(rb"""<origin|\s(?:xyz|rpy)\s*=\s*(?:"[^"]*"|'[^']*')|[0-9.eE+(){}$\s-]""")
 
 
-def shaken(robot: Robot) -> dict[str, SE3]:
-    """Moving joints with errors of millimetres and half degrees."""
+def shaken(robot: Robot, joints: tuple[str, ...] = ()) -> dict[str, SE3]:
+    """Joints, those that move where none is named, with errors of millimetres and half degrees."""
     rng = np.random.default_rng(1)
-    moving = [each for each in robot.tree.joints.values() if each.moves]
-    return {each.name: each.origin * pin.exp6(rng.normal(0, [1e-3] * 3 + [1e-2] * 3)) for each in moving}
+    wanted = [each for each in robot.tree.joints.values() if each.name in joints or (not joints and each.moves)]
+    return {each.name: each.origin * pin.exp6(rng.normal(0, [1e-3] * 3 + [1e-2] * 3)) for each in wanted}
 
 
 def loaded(name: str, folder: Path) -> tuple[Robot, dict[str, SE3]]:
-    package = PACKAGES[name]()
+    package = ALL[name]()
     robot = load_robot(package.write(folder), xacro_args=package.args, package_dirs=[folder])
-    return robot, shaken(robot)
+    return robot, shaken(robot, package.joints)
 
 
 def require_proven(patch: SourcePatch, robot: Robot, origins: dict[str, SE3], folder: Path) -> None:
@@ -52,6 +54,8 @@ def require_proven(patch: SourcePatch, robot: Robot, origins: dict[str, SE3], fo
         if each.moves:
             number = expected.getJointId(name)
             assert_poses_close(again.model.jointPlacements[number], expected.jointPlacements[number], mm=1e-6, mrad=1e-6)
+        elif name in origins:
+            assert_poses_close(each.origin, origins[name], mm=1e-6, mrad=1e-6)
         else:
             assert (each.xyz, each.rpy) == (robot.tree.joints[name].xyz, robot.tree.joints[name].rpy)
 
@@ -130,6 +134,24 @@ def test_git_takes_the_patch_and_the_command_line_writes_all_forms(tmp_path: Pat
         assert content == (tmp_path / "repo" / way).read_bytes() == (tmp_path / "out" / Path(way).name).read_bytes() != before
     again = run_cli(*words, "--overwrite")
     assert (again.code, "already calibrated" in again.err) == (2, True)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_fit_says_beforehand_what_becomes_of_the_sources(
+    tmp_path: Path, run_cli: Callable[..., CliResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Sources that cannot take what a fit would find are refused, and those that will change are named, before anything is fitted."""
+
+    def fitted(*_: object, **__: object) -> None:
+        raise UsageError("fitted")
+
+    monkeypatch.setattr("urdfcal.api.fit", fitted)
+    description = twice().write(tmp_path / "legs")
+    assert run_cli("simulate", description, "-o", "m.csv", "--sensor", "pose:left_foot", "--poses", 3).code == 0
+    words = ("fit", description, "m.csv", "--format", "xacro")
+    assert "cannot be calibrated in its sources" in run_cli(*words).err
+    split = run_cli(*words, "--split").err.splitlines()
+    assert split[-2:] == ["the calibration goes into urdf/arm.urdf.xacro", "urdfcal: fitted"]
 
 
 @pytest.mark.usefixtures("in_process")

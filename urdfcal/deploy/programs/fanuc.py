@@ -2,17 +2,19 @@
 
 A placement is of the tool frame UT in the user frame UF, whose numbers stand in the controller: `--frame UF1=X,Y,Z,W,P,R`; frame 0 is the
 robot's own. J1 to J6 are taken for the description's joints in order: where J3 is counted from the horizontal the description has to
-do so, too, or positions are to be told as placements.
+do so, too, or positions are to be told as placements. What the letters of CONFIG mean for a robot is its maker's; where they change from
+one placement to the next, that is said.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, Matrix
 from urdfcal.deploy.orientations import FIXED_ANGLES
+from urdfcal.deploy.programs.fanuc_motions import configuration, said_of_configurations, said_of_motions, steps_of
 from urdfcal.deploy.programs.scan import Program, Token, number
 from urdfcal.deploy.targets import Target, TargetFile
 
@@ -27,19 +29,29 @@ def read(program: Program) -> TargetFile:
     Raises:
         InputError: a position is told in a frame that is not stated, or has no numbers (`********`).
     """
-    tokens, targets = program.tokens, []
+    tokens, targets = program.tokens, list[Target]()
+    configured: list[tuple[int, str, str]] = []
     begun = next(
         (index for index, token in enumerate(tokens) if token.text == "POS" and index and tokens[index - 1].text == "/"), len(tokens)
     )
-    index = begun
+    steps, index = steps_of(program, begun), begun
     while index < len(tokens):
         if tokens[index].text != "{":
             index += 1
             continue
         end = program.closing(index)
-        targets.append(_target(program, index, end))
+        if (name := _position(tokens, index)) not in steps:
+            targets.append(_target(program, index, end))
+            configured.append((targets[-1].line, name, configuration(program, index, end)))
         index = end
-    return TargetFile(program.path, program.text, program.encoding, tuple(targets))
+    said = (*said_of_motions(program, begun, steps), *said_of_configurations(program, configured))
+    return TargetFile(program.path, program.text, program.encoding, tuple(targets), said)
+
+
+def _position(tokens: Sequence[Token], index: int) -> str:
+    """Which position a `{` opens: the number in `P[n]`, or `P[n:"..."]`."""
+    at = next((at for at in range(index - 1, max(index - 6, -1), -1) if tokens[at].text == "["), None)
+    return tokens[at + 1].text if at is not None and at + 1 < len(tokens) else ""
 
 
 def _target(program: Program, begin: int, end: int) -> Target:

@@ -10,7 +10,7 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Matrix
-from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION_W_FIRST, Orientation
+from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION_W_FIRST, ROTATION_VECTOR, Orientation
 from urdfcal.deploy.programs import fanuc, krl, rapid, urscript
 from urdfcal.deploy.programs.scan import Program, tokens_of
 from urdfcal.deploy.targets import TargetFile, text_of
@@ -18,18 +18,19 @@ from urdfcal.robot.way import Way
 
 
 class Language(NamedTuple):
-    """A language: its name, what begins a comment, what strings stand between, how frames are stated, and its reader."""
+    """A language: its name, what begins a comment, what strings stand between, how frames are stated and in which unit, and its reader."""
 
     name: str
     comment: str
     quotes: str
-    frames: Orientation | None
+    frames: Orientation
+    unit: float
     read: Callable[[Program], TargetFile]
 
 
-_KRL = Language("KRL", krl.COMMENT, krl.QUOTES, KUKA_ANGLES, krl.read)
-_RAPID = Language("RAPID", rapid.COMMENT, rapid.QUOTES, QUATERNION_W_FIRST, rapid.read)
-_URSCRIPT = Language("URScript", urscript.COMMENT, urscript.QUOTES, None, urscript.read)
+_KRL = Language("KRL", krl.COMMENT, krl.QUOTES, KUKA_ANGLES, MM, krl.read)
+_RAPID = Language("RAPID", rapid.COMMENT, rapid.QUOTES, QUATERNION_W_FIRST, MM, rapid.read)
+_URSCRIPT = Language("URScript", urscript.COMMENT, urscript.QUOTES, ROTATION_VECTOR, 1.0, urscript.read)
 LANGUAGES: Mapping[str, Language] = {
     ".script": _URSCRIPT,
     ".urscript": _URSCRIPT,
@@ -38,7 +39,7 @@ LANGUAGES: Mapping[str, Language] = {
     ".prg": _RAPID,
     ".src": _KRL,
     ".dat": _KRL,
-    ".ls": Language("Fanuc TP", fanuc.COMMENT, fanuc.QUOTES, FIXED_ANGLES, fanuc.read),
+    ".ls": Language("Fanuc TP", fanuc.COMMENT, fanuc.QUOTES, FIXED_ANGLES, MM, fanuc.read),
 }
 
 
@@ -53,7 +54,7 @@ def read_program(path: Path, way: Way, frames: Sequence[str] = ()) -> TargetFile
     Args:
         path: The program; its ending says the language.
         way: The joints, and the link that tools are told on.
-        frames: `NAME=X,Y,Z,...` in the language's own numbers, [mm], [deg].
+        frames: `NAME=X,Y,Z,...` in the language's own numbers: [mm], [deg]; URScript's [m], [rad].
 
     Raises:
         InputError: a target cannot be resolved; names its line and the way out.
@@ -69,14 +70,18 @@ def read_program(path: Path, way: Way, frames: Sequence[str] = ()) -> TargetFile
 
 
 def _stated(text: str, language: Language) -> tuple[str, Matrix]:
-    if language.frames is None:
-        raise UsageError(f"--frame {text}: {language.name} programs name no frames; set_tcp stands in the program, --base names the base")
     name, mark, numbers = text.partition("=")
     try:
         values = [float(word) for word in numbers.split(",")]
     except ValueError:
         values = []
     if not mark or len(values) != 3 + language.frames.count or not np.isfinite(values).all():
-        raise UsageError(f"--frame {text}: expected NAME=X,Y,Z and {language.frames.name}: {3 + language.frames.count} numbers, mm and deg")
-    unit = DEG if language.frames.turns else 1.0
-    return name.strip(), language.frames.frame([value * MM for value in values[:3]] + [value * unit for value in values[3:]])
+        units = "mm" if language.unit == MM else "m"
+        raise UsageError(
+            f"--frame {text}: expected NAME=X,Y,Z in {units} and {language.frames.name}{' in deg' if language.frames.turns else ''}, "
+            f"{3 + language.frames.count} numbers"
+        )
+    if language.read is urscript.read and name.strip().lower() != "tcp":
+        raise UsageError(f"--frame {text}: URScript programs name no frames; --frame tcp=X,Y,Z,RX,RY,RZ states the tool's point")
+    turn = DEG if language.frames.turns else 1.0
+    return name.strip(), language.frames.frame([value * language.unit for value in values[:3]] + [value * turn for value in values[3:]])

@@ -18,7 +18,7 @@ from urdfcal.deploy.targets import Number
 
 _TOKEN = re.compile(
     r"""(?P<blank>\s+)
-    |(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?![\w.]))
+    |(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?(?:(?![\w.])|(?=(?:mm|deg)\b)))
     |(?P<name>[A-Za-z_$&][\w$]*(?:\.[A-Za-z_]\w*)*)
     |(?P<sign>[+-])
     |(?P<mark>:=|==|<>|.)""",

@@ -10,11 +10,12 @@ import numpy as np
 from urdfcal.output.sources.layout import is_installed
 from urdfcal.output.sources.numbers import Wanted
 from urdfcal.output.sources.slots import EXPRESSION, LITERAL, PART, Edit, Slot
-from urdfcal.output.sources.tracing import STEP, Traced, trace
+from urdfcal.output.sources.tracing import Traced, trace
 from urdfcal.output.sources.tree import SourceTree
 
 _SEED = 0  # of the steps of tracing
 _STUBBORN = 1e-11  # [m] and [rad]
+_STILL = 1e-4  # of what its own number moves: another one that moves less stands still
 _NAMED = 4  # numbers that a place feeds, in messages
 
 
@@ -70,12 +71,12 @@ class Choice:
     def bar_culprits(self) -> bool:
         """Look at each place alone, and let go of those that feed more than their own number; whether there are any."""
         base, own = self.tree.base, list(self.taken.items())
-        found = self.tree.expand([slot.moved(STEP) for _, (slot, _) in own])
-        for (wanted, (slot, _)), each in zip(own, found, strict=True):
+        found = self.tree.expand([slot.moved(slot.step) for _, (slot, _) in own])
+        for (wanted, (slot, slope)), each in zip(own, found, strict=True):
             if each is None or not each.alike(base):
                 moved: tuple[int, ...] = ()
             else:
-                moved = tuple(map(int, np.flatnonzero(np.abs(each.values - base.values) > 1e-4 * STEP)))
+                moved = tuple(map(int, np.flatnonzero(np.abs(each.values - base.values) > _STILL * slot.step * abs(slope))))
             if moved != (base.index(wanted),):
                 self.barred.add(slot)
                 self._sought.discard(wanted)

@@ -26,7 +26,9 @@ _DEGREES = tuple(
 )
 _INNER = re.compile(rb"(?<![\w.\]])" + NUMBER + rb"(?![\w.])")
 _INDEX = re.compile(rb"[\w\])]\s*\[\s*$")  # before a number that is an index
-_HOLDER = re.compile(rb"\[|dict\(|=")
+_HOLDER = re.compile(rb"\[|dict\(|=|,")
+STEP = 1e-6  # [m], [rad], or what the place is written in: of a trial, for numbers about one
+_LEAST, _MOST = 1e-3, 1e4  # numbers below and above are moved as these
 PLACES = 13  # decimals that are written: far under what any reader keeps of a placement
 
 LITERAL, EXPRESSION, PART = 0, 1, 2  # in this order they are preferred
@@ -72,6 +74,12 @@ class Slot:
     def shown(self) -> str:
         """As messages quote it."""
         return self.text.decode(errors="replace")
+
+    @property
+    def step(self) -> float:
+        """How far it is moved for a trial: in proportion to what is written; as a number about one where that is nought or unknown."""
+        size = abs(float(self.text)) if self.kind != EXPRESSION else 0.0
+        return STEP * min(max(size, _LEAST), _MOST) if size > 0 else STEP
 
     def moved(self, by: float) -> list[Edit]:
         """It, for a trial, a little further on; an expression that is no number stays what it is."""
@@ -138,8 +146,9 @@ def _bare(text: bytes) -> bool:
 
 
 def decimal(value: float, places: int = PLACES) -> str:
-    """A number without an exponent, which YAML and URDF read alike, and without noughts at its end."""
-    text = f"{value:.{places}f}".rstrip("0")
+    """A number without an exponent, which YAML and URDF read alike, and without noughts at its end; less decimals from one on."""
+    before = len(f"{abs(value):.0f}") if abs(value) >= 1 else 0
+    text = f"{value:.{max(places - before, 0)}f}".rstrip("0")
     return "0.0" if text in ("-0.", "0.") else text + "0" if text.endswith(".") else text
 
 

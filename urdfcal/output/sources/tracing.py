@@ -6,7 +6,8 @@ number of places) tell for each number y_j the few slopes s_ji with
     dy_j = sum_i s_ji e_i,
 
 which orthogonal matching pursuit finds: with few places behind a number, as there are, it is exact where nothing is left over, and
-where something is, more trials are made, up to one for each place. A place that changes more than numbers (a count, a name, a
+where something is, more trials are made, up to one for each place. Steps are in proportion to what is written (`Slot.step`), so that
+in a product, 333 times 0.001, neither hides the other. A place that changes more than numbers (a count, a name, a
 condition) is found by halving, and is none.
 """
 
@@ -22,7 +23,6 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.output.sources.numbers import Expansion
 from urdfcal.output.sources.slots import Edit, Slot
 
-STEP = 1e-6  # [m], [rad], or what the place is written in
 _TRIALS = 28  # at first; and how many are added
 _MOST_BEHIND = 12  # places behind one number
 _LEFT = 1e-4  # of a number's change, that slopes must explain
@@ -65,7 +65,7 @@ def trace(slots: Sequence[Slot], base: Expansion, wanted: Iterable[int], expand:
     steps, changes = np.empty((0, len(usable))), np.empty((0, len(base.values)))
     needed, trials = set(wanted), min(_TRIALS, len(usable))
     while trials:
-        more = _steps(trials, len(usable), rng) if len(steps) + trials < len(usable) else STEP * np.eye(len(usable))
+        more = _steps(trials, usable, rng) if len(steps) + trials < len(usable) else np.diag([slot.step for slot in usable])
         if len(more) == len(usable):
             steps, changes = steps[:0], changes[:0]
         found = expand([_moved(usable, step) for step in more])
@@ -84,7 +84,7 @@ def usable_slots(slots: Sequence[Slot], base: Expansion, expand: Expand, rng: np
     for _ in range(_ROUNDS):
         if not groups:
             break
-        found = expand([_moved(group, _steps(1, len(group), rng)[0]) for group in groups])
+        found = expand([_moved(group, _steps(1, group, rng)[0]) for group in groups])
         halves: list[list[Slot]] = []
         for group, each in zip(groups, found, strict=True):
             if each is not None and each.alike(base):
@@ -96,8 +96,8 @@ def usable_slots(slots: Sequence[Slot], base: Expansion, expand: Expand, rng: np
     return sorted(good, key=lambda slot: (str(slot.file), slot.start, -slot.end))
 
 
-def _steps(trials: int, places: int, rng: np.random.Generator) -> Matrix:
-    return STEP * rng.standard_normal((trials, places))
+def _steps(trials: int, slots: Sequence[Slot], rng: np.random.Generator) -> Matrix:
+    return np.asarray(rng.standard_normal((trials, len(slots))) * [slot.step for slot in slots])
 
 
 def _moved(slots: Sequence[Slot], step: Vector) -> list[Edit]:
@@ -129,4 +129,4 @@ def _pursuit(steps: Matrix, change: Vector) -> dict[int, float] | None:
         chosen.append(int(np.argmax(np.abs(steps.T @ left) / np.where(lengths > 0, lengths, np.inf))))
         values = np.linalg.lstsq(steps[:, chosen], change, rcond=None)[0]
         left = change - steps[:, chosen] @ values
-    return {slot: float(value) for slot, value in zip(chosen, values, strict=True) if abs(value) > _LEFT}
+    return {slot: float(value) for slot, value in zip(chosen, values, strict=True) if abs(value) * lengths[slot] > enough}
