@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
+import pinocchio as pin
 
-from urdfcal.base.geometry import Matrix, Vector, product
+from urdfcal.base.geometry import SE3, Matrix, Vector, product
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import SESSION_KINDS
 from urdfcal.model.slots import Slot
@@ -85,7 +86,7 @@ def found_frames(tree: UrdfTree, rig: Rig, errors: ErrorModel, x: Vector, P: Mat
     found = []
     for number, site in frame_sites(tree, errors.chain, rig, errors.slots, errors.sessions):
         slot = errors.slots[number]
-        on_link, J = errors.frame_placement(number, x, _session(errors, slot, site))
+        on_link, J = _of_what_is_known(slot, *errors.frame_placement(number, x, _session(errors, slot, site)))
         covariance = J @ P @ J.T
         unknown = [name not in slot.names for name in SIX]
         covariance[unknown, :], covariance[:, unknown] = np.nan, np.nan
@@ -105,6 +106,14 @@ def found_frames(tree: UrdfTree, rig: Rig, errors: ErrorModel, x: Vector, P: Mat
             )
         )
     return tuple(found)
+
+
+def _of_what_is_known(slot: Slot, on_link: SE3, J: Matrix) -> tuple[SE3, Matrix]:
+    """A point keeps its link's axes, and axes alone its origin."""
+    if SIX[3] not in slot.names:
+        J = np.vstack([on_link.rotation @ J[:3], J[3:]])
+        on_link = pin.SE3(np.eye(3), on_link.translation)
+    return (on_link if SIX[0] in slot.names else pin.SE3(on_link.rotation, np.zeros(3))), J
 
 
 def _session(errors: ErrorModel, slot: Slot, site: FrameSite) -> str:

@@ -20,7 +20,7 @@ from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
 from urdfcal.output.stored_frames import Finite, FrameEntry, Loose, OriginEntry
-from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
+from urdfcal.robot.corrections import SAME, Applicable, OriginCorrection, applied, same_origin
 from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.placed_frames import Chosen, frame_origins
 from urdfcal.robot.robot import Robot, require_robot, with_text
@@ -157,10 +157,9 @@ class StoredCalibration(Applicable):
             elif force:
                 origins[name] = origin * correction.delta
             else:
-                off_mm, off_mrad = distance_mm_mrad(origin, correction.nominal)
                 raise CalibrationFileError(
                     f"joint '{name}' of {robot.description.path} is neither at its nominal nor at its corrected origin "
-                    f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
+                    f"({_apart(origin, correction.nominal)} from nominal); --force puts the correction on top",
                     self.path,
                 )
         if already and not asked.added and all(same_origin(present[name].origin, origin) for name, origin in origins.items()):
@@ -186,9 +185,8 @@ class StoredCalibration(Applicable):
             words = f"link '{frame.link}' of {robot.description.path} stands at the frame '{frame.child}' already"
             raise CalibrationFileError(words, self.path)
         if not same_origin(present, expected):
-            off_mm, off_mrad = distance_mm_mrad(present, expected)
             raise CalibrationFileError(
-                f"link '{frame.link}' of {robot.description.path} is {off_mm:.4g} mm and {off_mrad:.4g} mrad from where the frame "
+                f"link '{frame.link}' of {robot.description.path} is {_apart(present, expected)} from where the frame "
                 f"'{frame.child}' was found on it; --force adds it all the same",
                 self.path,
             )
@@ -234,6 +232,12 @@ class StoredCalibration(Applicable):
 
         require_robot(robot, "show")
         return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
+
+
+def _apart(a: SE3, b: SE3) -> str:
+    """`1.2 mm, 0.3 mrad`; what rounding leaves is none."""
+    mm, mrad = (0.0 if size < SAME else size for size in distance_mm_mrad(a, b))
+    return f"{mm:.4g} mm, {mrad:.4g} mrad"
 
 
 def corrected_robot(robot: Robot, origins: Mapping[str, SE3]) -> Robot:
