@@ -44,9 +44,9 @@ from urdfcal.output.text.comparison import comparison_blocks, in_short
 from urdfcal.output.text.result import text_report
 from urdfcal.planning.plan import PosePlan, plan_poses
 from urdfcal.robot.corrections import Applicable
+from urdfcal.robot.placed_frames import NO_FRAMES, FramesWish, frame_origins
 from urdfcal.robot.robot import Robot, with_text
 from urdfcal.robot.robot import load_robot as read_robot
-from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.robot.xacro_child import XacroLimit
 from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.in_memory import measurements_from
@@ -192,18 +192,31 @@ class Calibration(FitResult, Applicable):
 
         return calibration_latex(self)
 
-    def urdf(self) -> bytes:
-        """The robot's text with corrected origins."""
-        return with_origins(self.robot.description, {name: correction.corrected for name, correction in self.corrections.items()})
+    def urdf(self, *, write_frames: bool = False, add_frames: bool = False, only: Mapping[str, str] | Sequence[str] = ()) -> bytes:
+        """The robot's text with corrected origins.
 
-    def deployed(self, rng: np.random.Generator | None = None) -> Deployed:
+        Args:
+            write_frames: Whether links that were measured on are made to stand where their frames were found, as far as they can.
+            add_frames: Whether `frames` that remain become links of their own.
+            only: Names of the frames that are meant, by default all; a dictionary also says what added links are called.
+
+        Raises:
+            UsageError: there is no such frame, or its link cannot stand for it.
+            RobotError: a link of the new one's name is there.
+        """
+        named = only if isinstance(only, Mapping) else dict.fromkeys(only, "")
+        return self.deployed(None, FramesWish(write_frames, add_frames, named)).content("urdf")
+
+    def deployed(self, rng: np.random.Generator | None = None, frames: FramesWish = NO_FRAMES) -> Deployed:
         """The calibration in the forms that people deploy: `.content("origins-yaml")` and so on.
 
         Args:
             rng: For the configurations over which joint offsets alone are judged; seeded by default.
+            frames: What becomes of the frames that were found.
         """
-        origins = {name: correction.corrected for name, correction in self.corrections.items()}
-        return Deployed(self.robot, origins, rng or np.random.default_rng(0))
+        origins, chosen = {name: own.corrected for name, own in self.corrections.items()}, frames.chosen(self.frames, self.robot.tree)
+        links = {name: own.corrected for name, own in frame_origins(chosen.written).items()}
+        return Deployed(self.robot, origins, rng or np.random.default_rng(0), links, chosen.added)
 
     def false_targets(
         self, wanted: npt.ArrayLike, near: npt.ArrayLike | None = None, *, tool: str | None = None, base: str | None = None
@@ -233,13 +246,22 @@ class Calibration(FitResult, Applicable):
         )
         return found
 
-    def write_urdf(self, path: str | Path) -> None:
+    def write_urdf(
+        self, path: str | Path, *, write_frames: bool = False, add_frames: bool = False, only: Mapping[str, str] | Sequence[str] = ()
+    ) -> None:
         """Write the calibrated URDF, whole or not at all.
 
+        Args:
+            path: The file.
+            write_frames: As of `urdf`.
+            add_frames: As of `urdf`.
+            only: As of `urdf`.
+
         Raises:
-            UsageError: the file cannot be written, or is the robot that was calibrated.
+            UsageError: the file cannot be written, or is the robot that was calibrated; or as for `urdf`.
+            RobotError: as for `urdf`.
         """
-        write_whole(self._apart(path), self.urdf())
+        write_whole(self._apart(path), self.urdf(write_frames=write_frames, add_frames=add_frames, only=only))
 
     def _apart(self, path: str | Path) -> str | Path:
         """A file to write to, which must not be one that the robot was read from: the next fit would begin from what is lost."""

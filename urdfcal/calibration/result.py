@@ -25,8 +25,10 @@ from urdfcal.estimation.identifiability import Identifiability
 from urdfcal.estimation.noise import LEAST_FREEDOM, Misfit, Noise
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
+from urdfcal.model.found_frames import found_frames
 from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
 from urdfcal.robot.corrections import OriginCorrection
+from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
@@ -179,6 +181,17 @@ class FitResult:
             name: OriginCorrection(joints[name].origin, corrected, joints[name].moves)
             for name, corrected in self.errors.corrected_origins(self.x).items()
         }
+
+    @cached_property
+    def frames(self) -> tuple[FoundFrame, ...]:
+        """Where instruments and targets were found: what measured, and what was measured, each on its link and with its covariance."""
+        return found_frames(self.robot.tree, self.robot.rig, self.errors, self.x, self.covariance, self.determined)
+
+    @property
+    def determined(self) -> frozenset[str]:
+        """Names of the parameters that the data decided."""
+        decided = zip(self.errors.names, self.identifiability.determined, strict=True)
+        return frozenset(name for name, known in decided if known)
 
     @property
     def rejection(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,7 +12,9 @@ from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, beside_note, expanded_note, lacking, listed, load, stored_calibration
 from urdfcal.cli.onto_other import put_onto
 from urdfcal.cli.options import (
+    AddFrames,
     Formats,
+    FrameNames,
     InPlace,
     Json,
     Lasers,
@@ -25,6 +27,7 @@ from urdfcal.cli.options import (
     Split,
     UrHash,
     Verbose,
+    WriteFrames,
     XacroArgs,
     XacroFolder,
     XacroLimits,
@@ -60,6 +63,9 @@ def apply(
         ),
     ] = None,
     ur_hash_from: UrHash = None,
+    write_frames: WriteFrames = False,
+    add_frames: AddFrames = False,
+    frame: FrameNames = None,
     split: Split = False,
     in_place: InPlace = False,
     xacro_folder: XacroFolder = None,
@@ -84,14 +90,19 @@ def apply(
     from urdfcal.cli.fit_outputs import planned_formats, with_sources
     from urdfcal.output.formats import Deployed
     from urdfcal.output.replaced import require_same
+    from urdfcal.output.text.frames import added, undetermined, written
+    from urdfcal.robot.placed_frames import frames_wish
 
     require_no_json(as_json, output)
+    wish = frames_wish(write_frames, add_frames, frame or ())
     arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
     if screen or laser:  # links that are not there are refused; without the options the rig may have been taken off
         say(verbose, about(arm))
     if onto is not None:
         if output_format or ur_hash_from:
             raise UsageError(f"--onto {onto}: writes that model alone; leave --format and --ur-hash-from out")
+        if wish:
+            raise UsageError(f"--onto {onto}: frames go into descriptions in URDF; leave --write-frames and --add-frames out")
         put_onto(
             onto,
             arm,
@@ -109,23 +120,33 @@ def apply(
     plan = planned_formats(chosen(output_format), output, arm.description.stem, ur_hash_from)
     plan = with_sources(plan, split=split, folder=xacro_folder, in_place=in_place, overwrite=overwrite)
     require_places(*plan.places.values(), inputs=(robot, calibration, ur_hash_from))
+    plan.require_holding(wish)
     stored = stored_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)
-    origins, missing = stored.origins_for(arm, force)
-    deployed = Deployed(arm, origins, np.random.default_rng(seed))
+    frames = wish.chosen(stored.frames, arm.tree)
+    origins, missing = stored.origins_for(arm, force, frames)
+    links = {own.joint: origins.pop(own.joint) for own in frames.written if own.joint in origins}
+    deployed = Deployed(arm, origins, np.random.default_rng(seed), links, frames.added)
     files = deployed.files(plan)
     if not overwrite:
         require_same(files)
-    warn(deployed.warnings(plan), quiet)
+    warn([*deployed.warnings(plan), *plan.without_frames(wish), *undetermined((*frames.written, *frames.added))], quiet)
     files |= (beside := deployed.beside(plan))
     deliver(files, beside)
     warn(lacking(arm, missing), quiet)
     say(verbose, f"corrected: {', '.join(origins)}")
-    written = told(place for place in files if place not in beside)
+    told_of = [*map(written, frames.written), *map(added, frames.added)]
+    outputs = told(place for place in files if place not in beside)
     places = {name: str(place) for name, place in plan.places.items()}
+    machine: dict[str, Any] = {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing}
+    if wish:
+        machine["frames"] = {
+            "written": {own.link: own.joint for own in frames.written},
+            "added": {own.child: own.link for own in frames.added},
+        }
     finish(
-        {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing} if as_json else None,
-        f"wrote {listed(written)} with {many(len(origins), 'corrected origin')}{beside_note(plan)}"
+        machine if as_json else None,
+        "\n".join([*told_of, f"wrote {listed(outputs)} with {many(len(origins), 'corrected origin')}{beside_note(plan)}"])
         + (expanded_note(arm) if "urdf" in plan.places else ""),
         quiet,
     )

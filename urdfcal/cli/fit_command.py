@@ -34,6 +34,7 @@ from urdfcal.cli.inputs import (
 )
 from urdfcal.cli.options import (
     OUTPUT,
+    AddFrames,
     After,
     Beside,
     CameraOption,
@@ -42,6 +43,7 @@ from urdfcal.cli.options import (
     EstimatorName,
     Fix,
     Formats,
+    FrameNames,
     InPlace,
     JointSigma,
     Json,
@@ -69,6 +71,7 @@ from urdfcal.cli.options import (
     TargetKnown,
     UrHash,
     Verbose,
+    WriteFrames,
     XacroArgs,
     XacroFolder,
     XacroLimits,
@@ -210,6 +213,9 @@ def fit(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
+    write_frames: WriteFrames = False,
+    add_frames: AddFrames = False,
+    frame: FrameNames = None,
     sag: Annotated[
         bool,
         typer.Option(
@@ -271,15 +277,18 @@ def fit(
     from urdfcal.calibration.analysis.validation import coverage_warnings
     from urdfcal.calibration.analysis.validation import holdout as hold_out
     from urdfcal.calibration.analysis.validation import kfold as cross_validate
-    from urdfcal.cli.fit_outputs import planned, require_sources, sag_wish, with_sources
+    from urdfcal.cli.fit_outputs import planned, require_frames, require_sources, sag_wish, with_sources
     from urdfcal.model.options import laid_over
+    from urdfcal.output.text.frames import frame_lines
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
     from urdfcal.output.text.sag import asked_for, in_compensation, pair_words, sag_blocks, sag_json
+    from urdfcal.robot.placed_frames import frames_wish
 
     def rng() -> np.random.Generator:
         return np.random.default_rng(seed)
 
     require_no_json(as_json, output)
+    frames = frames_wish(write_frames, add_frames, frame or ())
     rig_file = rig_file_of(rig, reference_known, target_known)
     unmeasured = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     outputs = planned(chosen(output_format), output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
@@ -296,6 +305,7 @@ def fit(
     require_places(*outputs.places.values(), inputs=inputs)
     if not overwrite:
         outputs.require_free(arm, data)
+    outputs.plan.require_holding(frames)
     outputs.plan.require_fit_for(arm, [step.joint.name for step in arm.chain.moving])
     further = measured(unmeasured, test, rig_file, reference, target, camera)[1] if test else None
     if holdout is not None:
@@ -324,6 +334,7 @@ def fit(
         "after": earlier_joints(after, unmeasured),
         "gravity": wish.stated,
     }
+    require_frames(frames, arm, data, options)
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
     require_sources(arm, options, data, outputs.plan, quiet)
@@ -358,7 +369,7 @@ def fit(
         refused(calibration, pair_words(bent), as_json)
     with Working("predicting errors and writing results", quiet):
         extra = Extras(calibration.folds, predicted_spots(arm, calibration, rng()))
-        files, cautions = outputs.contents(calibration, bent, extra, rng())
+        files, cautions = outputs.contents(calibration, bent, extra, rng(), frames)
     warn(cautions, quiet)
     deliver(files, [place for place in files if place not in outputs.places.values()])
     if as_json:
@@ -366,8 +377,10 @@ def fit(
         written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
         show(calibration_json(calibration) | extra.machine() | written, [])
     else:
+        record = outputs.places.get("calibration")
         bending = sag_blocks(bent, str(compensation or "")) if bent else []
-        show(None, [*calibration_blocks(calibration, extra.accuracy()), *extra.blocks(), *bending])
+        more = [*extra.blocks(), *bending, *frame_lines(calibration, frames, record)]
+        show(None, [*calibration_blocks(calibration, extra.accuracy()), *more])
     say(
         not as_json,
         f"\nwrote {listed(told(place for place in outputs.places.values() if place in files))}"

@@ -25,6 +25,8 @@ from urdfcal.output.pairs import CORRECTED, written_with
 from urdfcal.output.replaced import require_earlier, require_marked
 from urdfcal.output.report.files import report_bytes, require_report_ending
 from urdfcal.output.sources.wanted import SourcesWish
+from urdfcal.output.text.frames import undetermined
+from urdfcal.robot.placed_frames import FramesWish
 
 if TYPE_CHECKING:
     from urdfcal.api import Calibration
@@ -99,20 +101,20 @@ class Outputs:
             raise UsageError(f"--compensation {self.compensation}: {_few(poses)}; nothing was fitted")
 
     def contents(
-        self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator
+        self, calibration: Calibration, sag: SagFit | None, extra: Extras, rng: np.random.Generator, frames: FramesWish
     ) -> tuple[dict[str | Path, bytes], list[str]]:
         """What goes into them, and what the user ought to know of it.
 
         Raises:
             UsageError: a compensation is wanted, and there is nothing to compensate.
         """
-        deployed, places = calibration.deployed(rng), self.places
+        deployed, places = calibration.deployed(rng, frames), self.places
         files: dict[str | Path, bytes] = dict(deployed.files(self.plan))
         files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine(), extra.spots) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
                 raise UsageError(f"--compensation {self.compensation}: {_no_sag(calibration)}; there is nothing to write")
-            urdf, text = sag.files(places["compensated_urdf"].name)
+            urdf, text = sag.files(places["compensated_urdf"].name, frames)
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
         if "calibration" in places:  # the last of all: it tells whether the others are its own
             record = calibration.record(sys.argv, written_with(places["calibration"], files))
@@ -121,7 +123,25 @@ class Outputs:
             files[places["calibration"]] = record
         else:
             files |= deployed.beside(self.plan)
-        return files, list(deployed.warnings(self.plan))
+        chosen = frames.chosen(calibration.frames, calibration.robot.tree)
+        told = undetermined((*chosen.written, *chosen.added))
+        return files, [*deployed.warnings(self.plan), *self.plan.without_frames(frames), *told]
+
+
+def require_frames(wish: FramesWish, robot: Robot, data: Measurements, options: ModelOptions) -> None:
+    """Refuse frames that will not be found, or that no URDF of this robot can take, before any work is done.
+
+    Raises:
+        UsageError: names the first of them.
+        RobotError: a link of the new one's name is there.
+    """
+    from urdfcal.model.found_frames import frame_sites
+    from urdfcal.model.slots import slots_of
+
+    known = {"reference": options.reference_known, "target": options.target_known}
+    slots = [slot for slot in slots_of(robot.chain, robot.rig, options.error_model, options.per_joint) if not known.get(slot.kind, False)]
+    sites = frame_sites(robot.tree, robot.chain, robot.rig, slots, data.session_names or ("",))
+    wish.chosen([site for _, site in sites], robot.tree)
 
 
 def _no_sag(calibration: Calibration) -> str:

@@ -240,6 +240,29 @@ XacroFolder = Annotated[
         rich_help_panel=EXPERT,
     ),
 ]
+WriteFrames = Annotated[
+    bool,
+    typer.Option(
+        "--write-frames",
+        help="Also correct the fixed joints of links that were measured on, so that each stands where its frame (tool, camera, board) was "
+        "found.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+AddFrames = Annotated[
+    bool,
+    typer.Option("--add-frames", help="Also add the frames that were found as links of their own.", rich_help_panel=OUTPUT),
+]
+FrameNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME[=LINK]",
+        help="Which of the frames --write-frames and --add-frames mean, and what an added link is called; repeatable. Default: all.",
+        show_default=False,
+        rich_help_panel=OUTPUT,
+    ),
+]
 Reference = Annotated[
     str | None,
     typer.Option(

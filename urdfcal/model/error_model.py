@@ -299,6 +299,29 @@ class ErrorModel:
                 origins[joint] = delta * origin if slot.before else origin * delta
         return origins | self._following(x)
 
+    def frame_placement(self, number: int, x: Vector, session: str = "") -> tuple[SE3, Matrix]:
+        """Placement of an instrument's or target's frame on its link, and its twist [v, w] in its own axes per unit of every parameter.
+
+        Args:
+            number: Which of the slots it is.
+            x: Parameters, (p,), [m] and [rad].
+            session: Of an instrument that was moved.
+
+        Returns:
+            T_link_frame, and its right Jacobian, (6, p).
+
+        Raises:
+            ShapeMismatch: x has not one number a parameter.
+        """
+        slot, (columns, _) = self.slots[number], self._columns[session][number]
+        factors = exponentials(slot.screws, self.slot_values(x, session)[number])
+        behind, jacobian = pin.SE3.Identity(), np.zeros((6, len(self.names)))
+        for screw, factor, column in reversed(list(zip(slot.screws.T, factors, columns.tolist(), strict=True))):
+            if column >= 0:  # what follows the k-th exponential carries its screw to the frame: Ad((E_k+1 ... E_n)^-1) s_k
+                jacobian[:, column] = behind.toActionMatrixInverse() @ screw
+            behind = factor * behind
+        return (slot.found[session] * behind if session in slot.found else behind), jacobian
+
     def _following(self, x: Vector) -> dict[str, SE3]:
         """Origins of the joints that are not on the way, as far as an earlier calibration has them follow those that are."""
         if self.earlier is None:

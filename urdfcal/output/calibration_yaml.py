@@ -16,7 +16,7 @@ from urdfcal.base.geometry import DEG, MM, SE3, xyz_rpy
 from urdfcal.base.version import __version__
 from urdfcal.calibration.known_joints import joints_of
 from urdfcal.model.earlier import EarlierJoints
-from urdfcal.output.text.instruments import noise_in_common
+from urdfcal.output.text.instruments import frame_entries, noise_in_common
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.rig import Rig
 from urdfcal.robot.robot import Robot
@@ -24,6 +24,13 @@ from urdfcal.robot.robot import Robot
 if TYPE_CHECKING:  # what a fit is takes long to import, and reading and replacing files wants none
     from urdfcal.calibration.error_table import SpotTable
     from urdfcal.calibration.result import FitResult
+
+FRAMES_NOTE = (
+    "pose: of child in parent, which a joint moves or which is the root; quaternion x y z w; matrix T_parent_child. xyz and rpy beside it: "
+    "on the link that was measured on. covariance: of the twist (v, w) in the child's own axes, T = T_found exp(v, w), rows and columns "
+    "x y z rot_x rot_y rot_z, m and rad, null where nothing is known. All of it is right with the corrected joints, not with the nominal "
+    "ones. joint: what `urdfcal apply --write-frames` writes; static_transform: for ROS 2, beside the calibrated URDF."
+)
 
 
 def calibration_yaml(calibration: FitResult, command: Sequence[str], files: Mapping[str, str] | None = None) -> bytes:
@@ -61,6 +68,7 @@ def calibration_yaml(calibration: FitResult, command: Sequence[str], files: Mapp
         "parameters": parameter_entries(calibration),
         **posterior_entry(calibration),
         "carried": dict(calibration.errors.carried),
+        **frames_entry(calibration),
         "combinations": [asdict(combination) for combination in calibration.identifiability.combinations],
         "spots": {"before": _table(calibration.before), "after": _table(calibration.after)},
     }
@@ -141,6 +149,12 @@ def _gaussian(joints: EarlierJoints | None) -> dict[str, Any]:
     return {"posterior": entry}
 
 
+def frames_entry(calibration: FitResult) -> dict[str, Any]:
+    """Where instruments and targets were found, for whoever publishes, draws or applies them; nothing where there are none."""
+    entries = [{**entry, "static_transform": _Line(entry["static_transform"])} for entry in frame_entries(calibration)]
+    return {"frames_note": FRAMES_NOTE, "frames": entries} if entries else {}
+
+
 def joint_entries(corrections: Mapping[str, OriginCorrection]) -> dict[str, Any]:
     """Nominal origin, corrected origin and delta by joint name."""
     return {
@@ -202,7 +216,17 @@ def _table(table: SpotTable) -> dict[str, Any]:
     return {name: row.entry() for name, row in table.items()}
 
 
+class _Line(str):
+    """A command, which is to stand in one line."""
+
+
+class _Dumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]  # with the C library where there is one
+    """YAML with commands in one line, to be copied."""
+
+
+_Dumper.add_representer(_Line, lambda dumper, line: dumper.represent_scalar("tag:yaml.org,2002:str", str(line), style="|"))
+
+
 def _yaml(comment: str, content: Mapping[str, Any]) -> bytes:
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    text = yaml.dump(dict(content), Dumper=dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+    text = yaml.dump(dict(content), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
     return f"# {comment}\n{text}".encode()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -20,11 +20,15 @@ from urdfcal.output.sources.patch import SourcePatch, patched_sources
 from urdfcal.output.sources.wanted import SourcesWish
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
+from urdfcal.robot.frames import FoundFrame
+from urdfcal.robot.placed_frames import FramesWish, with_frames
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
 
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _XML = (".urdf", ".xacro", ".xml")
+_WITH_LINKS = ("urdf", *ASIDE)  # what can have further links
+_WITH_FIXED = (*_WITH_LINKS, "origins-yaml", "tesseract", "xacro")  # what has origins of fixed joints
 _KINDS = {"urdf": "a URDF", **dict.fromkeys(ASIDE, "a URDF"), "xacro": "a patch"}  # of the others: YAML
 _FOREIGN = {  # what files of the kind must not be called
     "a URDF": (*YAML_ENDINGS, *PATCHES, *_OTHERS),
@@ -80,6 +84,22 @@ class Deployment:
         if self.ur_file is not None:
             self.ur_file.require_model_of(robot, names)
 
+    def require_holding(self, wish: FramesWish) -> None:
+        """Refuse frames that none of the formats can hold.
+
+        Raises:
+            UsageError: names a format that can.
+        """
+        for option, wanted, able in (("--write-frames", wish.write, _WITH_FIXED), ("--add-frames", wish.add, _WITH_LINKS)):
+            if wanted and not set(able) & self.places.keys():
+                raise UsageError(f"{option}: --format {' and '.join(self.places)} cannot hold {_LACK[option]}; add --format urdf")
+
+    def without_frames(self, wish: FramesWish) -> tuple[str, ...]:
+        """A warning of the formats that cannot hold the frames which others beside them hold."""
+        able = _WITH_LINKS if wish.add else _WITH_FIXED
+        unable = [name for name in self.places if name not in able] if wish else []
+        return (f"--format {' and '.join(unable)}: cannot hold all of the frames; {self.main} can",) if unable else ()
+
 
 def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_from: Path | None = None) -> Deployment:
     """Lay out the files of some formats: `-o` names the main one, the others stand beside it under their own endings.
@@ -118,6 +138,9 @@ def _meant(wanted: Sequence[str], output: Path) -> str:
     return (own or alike)[0]
 
 
+_LACK = {"--write-frames": "origins of fixed joints", "--add-frames": "further links"}
+
+
 @dataclass(frozen=True)
 class Deployed:
     """A calibration in the forms that were asked for.
@@ -126,11 +149,15 @@ class Deployed:
         robot: The description that the origins belong to.
         origins: Corrected placement by joint name.
         rng: For the configurations over which an offsets-only deployment is judged.
+        links: Placement of the fixed joint, by its name, of every link that is made to stand where a frame was found.
+        added: Frames that become links of their own.
     """
 
     robot: Robot
     origins: Mapping[str, SE3]
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    links: Mapping[str, SE3] = field(default_factory=dict)
+    added: Sequence[FoundFrame] = ()
     _sources: dict[bool, SourcePatch] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -166,7 +193,7 @@ class Deployed:
             RobotError: it is no xacro, or its sources cannot be changed so; says where.
         """
         if split not in self._sources:
-            self._sources[split] = patched_sources(self.robot.description, self.origins, split=split)
+            self._sources[split] = patched_sources(self.robot.description, self._whole, split=split)
         return self._sources[split]
 
     def content(self, name: str, kinematics_hash: str | None = None, *, split: bool = False) -> bytes:
@@ -177,22 +204,30 @@ class Deployed:
             RobotError: it is not for this robot.
         """
         if name == "urdf":
-            return with_origins(self.robot.description, self.origins)
+            return self._with_links(with_origins(self.robot.description, self._whole))
         if name == "origins-yaml":
-            return origins_yaml(self.robot, self.origins)
+            return origins_yaml(self.robot, self._whole)
         if name == "ur":
             return ur_yaml(self.robot, self.origins, kinematics_hash)
         if name == "offsets":
             return offsets_yaml(self.robot, self.origins, self.loss)
         if name in ASIDE:
-            return zeros_aside_urdf(name, self.robot, self.origins)
+            return self._with_links(zeros_aside_urdf(name, self.robot, self._whole))
         if name in MAKERS:
             return maker_yaml(name, self.robot, self.origins)
         if name == "tesseract":
-            return tesseract_yaml(self.origins)
+            return tesseract_yaml(self._whole)
         if name == "xacro":
             return self.sources(split).unified
         raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
+
+    @property
+    def _whole(self) -> dict[str, SE3]:
+        """Of calibrated joints, and of links that stand for frames."""
+        return {**self.origins, **self.links}
+
+    def _with_links(self, text: bytes) -> bytes:
+        return with_frames(replace(self.robot.description, text=text), self.added)
 
     def warnings(self, plan: Deployment) -> tuple[str, ...]:
         """What keeps a format from carrying the whole calibration."""

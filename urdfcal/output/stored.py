@@ -5,49 +5,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.base.files import read_yaml
 from urdfcal.base.foreign_text import shown
-from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
+from urdfcal.base.geometry import SE3, distance_mm_mrad, product
 from urdfcal.base.yaml_kinds import is_not
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.options import ModelOptions
-from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
+from urdfcal.output.stored_frames import Finite, FrameEntry, Loose, OriginEntry
+from urdfcal.robot.corrections import SAME, Applicable, OriginCorrection, applied, same_origin
+from urdfcal.robot.frames import FoundFrame
+from urdfcal.robot.placed_frames import Chosen, frame_origins
 from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.measurements import Measurements
 
 if TYPE_CHECKING:
     from urdfcal.output.view.viewer import View
 
 
-Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
-Triple = tuple[Finite, Finite, Finite]
-
-
-class _Loose(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class OriginEntry(_Loose):
-    """xyz in metres, rpy in radians."""
-
-    xyz: Triple
-    rpy: Triple
-
-    def placement(self) -> SE3:
-        """As a placement."""
-        return pose(np.array(self.xyz), np.array(self.rpy))
-
-
-class JointEntry(_Loose):
+class JointEntry(Loose):
     """One calibrated joint."""
 
     moves: bool
@@ -55,7 +39,7 @@ class JointEntry(_Loose):
     corrected: OriginEntry
 
 
-class PosteriorEntry(_Loose):
+class PosteriorEntry(Loose):
     """What was decided of the joints' parameters."""
 
     names: list[str] = Field(min_length=1)
@@ -79,26 +63,34 @@ class PosteriorEntry(_Loose):
         return self
 
 
-class RobotEntry(_Loose):
+class RobotEntry(Loose):
     """The description that was calibrated."""
 
     file: str = ""
 
 
-class RigEntry(_Loose):
+class RigEntry(Loose):
     """What measured."""
 
     module: str = ""
     targets: list[str] = Field(default_factory=list)
 
 
-class CalibrationEntries(_Loose):
+class CalibrationEntries(Loose):
     """The part of the file that is read back."""
 
-    joints: dict[str, JointEntry] = Field(min_length=1)
+    frames: list[FrameEntry] = Field(default_factory=list)
+    joints: dict[str, JointEntry]
     posterior: PosteriorEntry | None = None
     robot: RobotEntry | None = None
     rig: RigEntry | None = None
+
+    @field_validator("joints")
+    @classmethod
+    def _something(cls, joints: dict[str, JointEntry], info: ValidationInfo) -> dict[str, JointEntry]:
+        if not (joints or info.data.get("frames", True)):
+            raise PydanticCustomError("nothing", "Dictionary should have at least 1 item, or frames stand beside it")
+        return joints
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,6 +103,7 @@ class StoredCalibration(Applicable):
         posterior: What was decided of the joints' parameters, as the file has it; None if it does not say.
         description: The file of the robot that was calibrated, as it was named then; empty if the file does not say.
         measured: The module, or the link of the first target; empty if the file does not say.
+        frames: Where instruments and targets were found, each on its link and with its covariance.
     """
 
     path: Path
@@ -118,6 +111,7 @@ class StoredCalibration(Applicable):
     posterior: PosteriorEntry | None = None
     description: str = ""
     measured: str = ""
+    frames: tuple[FoundFrame, ...] = ()
 
     def __repr__(self) -> str:
         """In a line."""
@@ -128,7 +122,7 @@ class StoredCalibration(Applicable):
 
         return card(f"Calibration of {len(self.corrections)} joints", (str(self.path), ", ".join(self.corrections)))
 
-    def origins_for(self, robot: Robot, force: bool = False) -> tuple[dict[str, SE3], list[str]]:
+    def origins_for(self, robot: Robot, force: bool = False, frames: Chosen[FoundFrame] | None = None) -> tuple[dict[str, SE3], list[str]]:
         """The origins to write into a robot description that may have changed elsewhere.
 
         An origin that equals the nominal one gets the corrected one; one that already equals the corrected one stays.
@@ -136,6 +130,8 @@ class StoredCalibration(Applicable):
         Args:
             robot: The target.
             force: Where an origin is neither, put the correction on top of it.
+            frames: Those that are to go into the description, too: of links that stand for one the origins are among those returned, and a
+                robot that holds all else already is one to which something is added.
 
         Returns:
             Origins by joint name, and the calibrated joints that the target does not have.
@@ -143,9 +139,9 @@ class StoredCalibration(Applicable):
         Raises:
             CalibrationFileError: the target is calibrated already, lacks a moving joint, or has an origin that is neither.
         """
-        present = robot.tree.joints
+        present, asked = robot.tree.joints, frames or Chosen[FoundFrame]()
         origins, already, missing = {}, 0, []
-        for name, correction in self.corrections.items():
+        for name, correction in {**self.corrections, **frame_origins(asked.written)}.items():
             if name not in present:
                 if correction.moving:
                     raise CalibrationFileError(
@@ -161,19 +157,39 @@ class StoredCalibration(Applicable):
             elif force:
                 origins[name] = origin * correction.delta
             else:
-                off_mm, off_mrad = distance_mm_mrad(origin, correction.nominal)
                 raise CalibrationFileError(
                     f"joint '{name}' of {robot.description.path} is neither at its nominal nor at its corrected origin "
-                    f"({off_mm:.4g} mm, {off_mrad:.4g} mrad from nominal); --force puts the correction on top",
+                    f"({_apart(origin, correction.nominal)} from nominal); --force puts the correction on top",
                     self.path,
                 )
-        if already and all(same_origin(self.corrections[name].nominal, origin) for name, origin in origins.items()):
+        if already and not asked.added and all(same_origin(present[name].origin, origin) for name, origin in origins.items()):
             raise CalibrationFileError(f"the robot {robot.description.path} is already calibrated with this file", self.path)
-        if not origins:
+        if not (origins or already or asked.added):
             raise CalibrationFileError(
-                f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}", self.path
+                f"the robot {robot.description.path} has none of the calibrated joints: {', '.join(missing)}"
+                if missing
+                else "holds frames alone; --write-frames or --add-frames puts them on a robot",
+                self.path,
             )
+        for frame in asked.added if not force else ():
+            self._require_its_link(robot, origins, frame)
         return origins, missing
+
+    def _require_its_link(self, robot: Robot, origins: Mapping[str, SE3], frame: FoundFrame) -> None:
+        """Refuse to add a frame to a link that stands elsewhere than where it was found on it."""
+        tree = robot.tree
+        path = tree.path_from_root(frame.link)[len(tree.path_from_root(tree.moving_link(frame.link))) :]
+        present = product([origins.get(joint.name, joint.origin) for joint in path])
+        expected = frame.placement * frame.on_link.inverse()
+        if same_origin(present, frame.placement) and not same_origin(expected, frame.placement):
+            words = f"link '{frame.link}' of {robot.description.path} stands at the frame '{frame.child}' already"
+            raise CalibrationFileError(words, self.path)
+        if not same_origin(present, expected):
+            raise CalibrationFileError(
+                f"link '{frame.link}' of {robot.description.path} is {_apart(present, expected)} from where the frame "
+                f"'{frame.child}' was found on it; --force adds it all the same",
+                self.path,
+            )
 
     @property
     def joints(self) -> EarlierJoints:
@@ -218,6 +234,12 @@ class StoredCalibration(Applicable):
         return view_of(robot, data, corrected_robot(robot, self.origins_for(robot)[0]), magnify, options)
 
 
+def _apart(a: SE3, b: SE3) -> str:
+    """`1.2 mm, 0.3 mrad`; what rounding leaves is none."""
+    mm, mrad = (0.0 if size < SAME else size for size in distance_mm_mrad(a, b))
+    return f"{mm:.4g} mm, {mrad:.4g} mrad"
+
+
 def corrected_robot(robot: Robot, origins: Mapping[str, SE3]) -> Robot:
     """The robot that a description with other origins, by joint name, is read as; screen, lasers and instruments stay."""
     return with_text(robot, with_origins(robot.description, origins))
@@ -242,9 +264,9 @@ def read_calibration(path: str | Path) -> StoredCalibration:
         name: OriginCorrection(entry.nominal.placement(), entry.corrected.placement(), entry.moves)
         for name, entry in entries.joints.items()
     }
-    rig = entries.rig or RigEntry()
+    rig, frames = entries.rig or RigEntry(), tuple(entry.frame() for entry in entries.frames)
     measured = rig.module or next(iter(rig.targets), "").partition(":")[0]
-    return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "", measured)
+    return StoredCalibration(path, corrections, entries.posterior, entries.robot.file if entries.robot else "", measured, frames)
 
 
 def apply(model: Any, calibration: FitResult | StoredCalibration | str | Path, *geometry_models: Any) -> Any:

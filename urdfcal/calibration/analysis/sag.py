@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +33,11 @@ from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearise
 from urdfcal.model.error_model import ErrorModel, with_softness
+from urdfcal.model.found_frames import found_frames
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gear_terms, gravity_terms
+from urdfcal.robot.frames import FoundFrame
+from urdfcal.robot.placed_frames import NO_FRAMES, FramesWish, frame_origins, with_frames
 from urdfcal.robot.urdf_writer import with_origins
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.repeats import first_rows
@@ -116,17 +120,26 @@ class SagFit:
             term.name: (float(self.estimate.belief.x[column[term.name]]), float(sigma[column[term.name]])) for term in self.softness.terms
         }
 
-    def urdf(self) -> bytes:
-        """The calibrated URDF of the joint fit; of use with its compensation alone."""
-        return with_origins(self.calibration.robot.description, self.errors.corrected_origins(self.estimate.belief.x))
+    @cached_property
+    def frames(self) -> tuple[FoundFrame, ...]:
+        """Where the joint fit found instruments and targets."""
+        robot, belief, decided = self.calibration.robot, self.estimate.belief, self.calibration.determined
+        return found_frames(robot.tree, robot.rig, self.errors, belief.x, belief.P, decided)
+
+    def urdf(self, frames: FramesWish = NO_FRAMES) -> bytes:
+        """The calibrated URDF of the joint fit, with frames of it as far as they are wished for; of use with its compensation alone."""
+        robot = self.calibration.robot
+        chosen, origins = frames.chosen(self.frames, robot.tree), self.errors.corrected_origins(self.estimate.belief.x)
+        links = {name: own.corrected for name, own in frame_origins(chosen.written).items()}
+        return with_frames(replace(robot.description, text=with_origins(robot.description, {**origins, **links})), chosen.added)
 
     def compensation(self) -> Compensation:
         """The deflections, with the calibrated robot that they belong to."""
         return in_memory(self.calibration.robot, self.urdf(), self.softness, self.soft_values)
 
-    def files(self, urdf_name: str) -> tuple[bytes, bytes]:
+    def files(self, urdf_name: str, frames: FramesWish = NO_FRAMES) -> tuple[bytes, bytes]:
         """URDF and compensation to write, each with the hash of the other; the URDF stands beside the compensation under this name."""
-        return compensation_files(self.urdf(), urdf_name, self.calibration.robot, self.softness, self.gravity, self.soft_values)
+        return compensation_files(self.urdf(frames), urdf_name, self.calibration.robot, self.softness, self.gravity, self.soft_values)
 
 
 def fit_sag(

@@ -26,10 +26,12 @@ from urdfcal.output.report.residuals import Residuals
 from urdfcal.output.report.touches import MOST_PLACES, PlaceScatter, scatter_of_places
 from urdfcal.output.text.instruments import frame_entries, length_entries, measuring_frame, noise_in_words, place_entries, rig_in_words
 from urdfcal.output.text.sag import deflections, extras_rows, sag_words
+from urdfcal.robot.frames import FoundFrame
 from urdfcal.sensors.measurements import Measurements
 
 _COLUMNS = ("frame", "on link", "x", "y", "z", "sigma", "roll", "pitch", "yaw", "sigma")
 
+_ABSOLUTE = ("frame", "in link", "x", "y", "z", "x", "y", "z", "w")
 _KINDS = {"reference": "measuring frame", "target": "targets", "place": "places"}
 
 
@@ -45,12 +47,31 @@ def frames_section(calibration: FitResult) -> Section:
     entries = frame_entries(calibration)
     if not entries:
         return Section("frames", "Frames found", ())
-    text = "Where measuring frames and targets stand on their links. They were found with the fit, and no URDF holds them."
+    text = (
+        "Where measuring frames and targets stand on their links. They were found with the fit; a URDF holds them where --write-frames or "
+        "--add-frames put them into it."
+    )
     turned = any(entry["rotation_sigma"] is not None for entry in entries)
     groups = (("", 2), ("position in mm", 4), *([("orientation in deg", 4)] if turned else []))
     width = sum(count for _, count in groups)
     table = Table(_COLUMNS[:width], tuple(_frame_row(each)[:width] for each in entries), words=2, groups=groups)
-    return Section("frames", "Frames found", (text, table))
+    absolute = (
+        "The same in the link that a joint moves, or in the root, under the names that ROS 2 publishes them by: beside the calibrated "
+        "robot, not beside the nominal one. The calibration file has covariances and the commands."
+    )
+    return Section("frames", "Frames found", (text, table, absolute, _absolute_table(calibration.frames)))
+
+
+def _absolute_table(frames: Sequence[FoundFrame]) -> Table:
+    """Every frame in the link nearest to the root that it is rigidly joined to."""
+    rows = []
+    for frame in frames:
+        lengths = [f"{length / MM:.3f}" for length in frame.xyz] if frame.placed else [""] * 3
+        numbers = [f"{number:.6f}" for number in frame.quaternion] if frame.turned else [""] * 4
+        rows.append((frame.child, frame.parent, *lengths, *numbers))
+    groups = (("", 2), ("position in mm", 3), *([("orientation, a quaternion", 4)] if any(frame.turned for frame in frames) else []))
+    width = sum(count for _, count in groups)
+    return Table(_ABSOLUTE[:width], tuple(row[:width] for row in rows), words=2, groups=groups)
 
 
 def _frame_row(entry: dict[str, Any]) -> tuple[Cell, ...]:

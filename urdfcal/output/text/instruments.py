@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from urdfcal.base.geometry import DEG, exponentials, product, xyz_rpy
+from urdfcal.base.geometry import DEG, Vector, xyz_rpy
 from urdfcal.base.terminal import many
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.model.slots import Slot
-from urdfcal.robot.rig import SIX
+from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.registry import WORDS, start_sigma_of
@@ -111,35 +110,53 @@ def measuring_frame(calibration: FitResult) -> str:
 
 
 def frame_entries(calibration: FitResult) -> list[dict[str, Any]]:
-    """Placement of every measuring frame and target on its link, SI, with the root mean variance of its translations and rotations.
+    """Where every measuring frame and target was found: on its link, in the link that a joint moves, and with its covariance; SI.
 
-    A variance is None where only the other half was seen.
+    A sigma is None, and so are variances, where only the other half was seen.
     """
-    errors, seen = calibration.errors, calibration.robot.rig.instruments
-    links = {target.name: target.link for target in seen.targets}
-    links |= {slot.label: seen.every[slot.frame].link for slot in errors.slots if slot.kind == "reference" and slot.frame is not None}
-    entries = []
-    for slot in errors.slots:
-        if slot.frame is None:
-            continue
-        for session in errors.sessions if slot.kind == "reference" else errors.sessions[:1]:
-            values = errors.slot_values(calibration.x, session)[errors.slots.index(slot)]
-            placement = product([*([slot.found[session]] if session in slot.found else []), *exponentials(slot.screws, values)])
-            xyz, rpy = xyz_rpy(placement)
-            label = f"{slot.label}:{session}" if session != errors.sessions[0] else slot.label
-            frame = "measuring frame" if not seen.others else f"frame of {slot.label}"
-            name = f"{frame}{f' of session {session}' if session else ''}" if slot.kind == "reference" else slot.label
-            entries.append(
-                {
-                    "name": name,
-                    "link": links.get(slot.label, slot.label),
-                    "xyz": [float(value) for value in xyz],
-                    "rpy": [float(value) for value in rpy],
-                    "sigma": _sigma(calibration, slot, label, "trans") if SIX[0] in slot.names else None,
-                    "rotation_sigma": _sigma(calibration, slot, label, "rot") if SIX[3] in slot.names else None,
-                }
-            )
-    return entries
+    return [frame_entry(frame) for frame in calibration.frames]
+
+
+def frame_entry(frame: FoundFrame) -> dict[str, Any]:
+    """One of them; the same keys for machines and in the file."""
+    xyz, rpy = xyz_rpy(frame.on_link)
+    return {
+        "name": frame.name,
+        "kind": frame.kind,
+        "label": frame.label,
+        "session": frame.session,
+        "link": frame.link,
+        "xyz": _floats(xyz),
+        "rpy": _floats(rpy),
+        "sigma": frame.sigma(slice(3)) if frame.placed else None,
+        "rotation_sigma": frame.sigma(slice(3, 6)) if frame.turned else None,
+        "parent": frame.parent,
+        "child": frame.child,
+        "pose": {
+            "xyz": _floats(frame.xyz),
+            "rpy": _floats(frame.rpy),
+            "quaternion": _floats(frame.quaternion),
+            "matrix": [_floats(row) for row in frame.matrix],
+        },
+        "covariance": [[float(value) if np.isfinite(value) else None for value in row] for row in frame.covariance],
+        "known": list(frame.found),
+        "undetermined": list(frame.undetermined),
+        "static_transform": frame.static_transform,
+        "joint": _joint_entry(frame),
+        "why_not": frame.why_not,
+    }
+
+
+def _joint_entry(frame: FoundFrame) -> dict[str, Any] | None:
+    """The link's own fixed joint, and the origin with which the link stands for the frame; None where it cannot."""
+    if frame.origin is None:
+        return None
+    placed = {name: xyz_rpy(placement) for name, placement in (("nominal", frame.origin.nominal), ("corrected", frame.origin.corrected))}
+    return {"name": frame.joint, **{name: {"xyz": _floats(xyz), "rpy": _floats(rpy)} for name, (xyz, rpy) in placed.items()}}
+
+
+def _floats(values: Vector) -> list[float]:
+    return [float(value) + 0.0 for value in values]
 
 
 def place_entries(calibration: FitResult) -> list[dict[str, Any]]:
@@ -179,9 +196,3 @@ def length_entries(calibration: FitResult) -> list[dict[str, Any]]:
         for known in calibration.data.lengths
         if known.one in places and known.other in places
     ]
-
-
-def _sigma(calibration: FitResult, slot: Slot, label: str, part: str) -> float:
-    names = [f"{label}.{name}" for name in slot.names if name.startswith(part)]
-    own = [index for index, name in enumerate(calibration.errors.names) if name in names]
-    return float(np.sqrt(np.mean(calibration.sigma[own] ** 2))) if own else 0.0
