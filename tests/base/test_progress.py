@@ -63,7 +63,7 @@ def test_a_terminal_shows_counts_and_the_time_to_go(looked_at: bool, monkeypatch
         if looked_at:
             working.bar.refresh()
     shown = stream.getvalue()
-    assert all((words in shown) == looked_at for words in ("fitting", "generation", "2 of 60", "to go"))
+    assert all((words in shown) == looked_at for words in ("fitting", "generation", "2 of 60", "a minute", " left"))
 
 
 def test_a_sentence_is_broken_between_words_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,7 +79,7 @@ def test_what_is_done_stays_done(run_cli: Run, fleet: Path) -> None:
 def test_a_bad_row_is_named_and_the_others_go_on(run_cli: Run, fleet: Path) -> None:
     """Missing files, options that are none and names that are no folders: exit code 3, everything else as if they were not there."""
     bad = ["small.urdf,r9.csv,,", ",r1.csv,two,", "small.urdf,r1.csv,three,--nonsense", "small.urdf,r1.csv,../four,"]
-    bad.append("small.urdf,r1.csv,five,'")
+    bad += ["small.urdf,r1.csv,five,'", "small.urdf,r1.csv,six,-oelse.urdf", "small.urdf,r1.csv,seven,--help"]
     rows = ["description,measurements,name,options", "small.urdf,r0.csv,good,--no-sag", *bad]
     (fleet / "mixed.csv").write_text("\n".join(rows))
     done = run_cli("fleet", "mixed.csv", "-o", "out", "--workers", "1")
@@ -91,9 +91,12 @@ def test_a_bad_row_is_named_and_the_others_go_on(run_cli: Run, fleet: Path) -> N
         "--nonsense",
         "../four: '../four' can be no folder",
         "five: options: No closing quotation",
+        "six: row 7: -o cannot be among the options of fit here: each robot's results go into its folder",
+        "seven: row 8: --help cannot be among the options of fit here",
+        "urdfcal: of 8 robots 7 failed: see ",
     ):
         assert said in done.err
-    assert "6 robots: 1 with reservations, 5 failed" in done.out
+    assert "8 robots: 1 with reservations, 7 failed" in done.out
     assert sorted(path.name for path in (fleet / "out").iterdir() if path.is_dir()) == ["good"]
     assert not (fleet / "out" / "prior.yaml").exists()
 
@@ -134,6 +137,7 @@ def test_folders_are_a_manifest_too(run_cli: Run, fleet: Path) -> None:
         (("twice.csv", "-o", "out"), "twice.csv: 1 names stand for several robots, such as 'r0'"),
         (("fleet.csv", "-o", "."), "-o .: is there already and is no folder of urdfcal fleet"),
         (("fleet.csv", "-o", "out", "--fit", "'"), "--fit ': No closing quotation"),
+        (("fleet.csv", "-o", "out", "--fit", "--format xacro --in-place"), "--fit: --in-place cannot be among the options of fit"),
         (("fleet.csv", "-o", "r0.csv/out"), "-o r0.csv/out: cannot be made"),
     ],
 )
@@ -151,3 +155,16 @@ def test_several_processes_give_the_same(run_cli: Run, fleet: Path) -> None:
     words = ("fleet", "fleet.csv", "--fit", "--no-sag --no-ask", "--json")
     one, two = (json.loads(run_cli(*words, "-o", f"out{count}", "--workers", count).out) for count in ("1", "2"))
     assert [{**row, "seconds": 0} for row in one["robots"]] == [{**row, "seconds": 0} for row in two["robots"]]
+
+
+def test_processes_that_cannot_be_started_are_told_of(run_cli: Run, fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A line with the way out, not with a scheduler that nobody named."""
+    distributed = pytest.importorskip("distributed")
+
+    def refused(**_: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(distributed, "LocalCluster", refused)
+    done = run_cli("fleet", "fleet.csv", "-o", "out", "--workers", "2")
+    said = "urdfcal: 2 processes cannot be started here: [Errno 24] Too many open files; --workers 1 does without\n"
+    assert (done.code, done.err) == (2, said)

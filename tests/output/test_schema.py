@@ -62,7 +62,7 @@ def outputs(run_cli: Callable[..., CliResult], folder: Path) -> dict[str, list[A
         "correct": [run("correct", *targets), run("correct", *targets, "--report", "t.html")],
         "boards": [run("boards", *pictures_of_a_board(folder), "--board", f"hand={BOARD}", "--camera", "camera.yaml", "-o", "b.csv")],
         "paper": [paper(run)],
-        "simulate": [simulated],
+        "simulate": [simulated, run("simulate", "small.urdf", "-o", "fleet/", "--robots", "2", "--poses", "3")],
         "fit": [run("fit", *ARM7, "-o", "arm7.urdf"), run("fit", *sensed, "-o", "s.urdf", "--kfold", "2"), run("fit", *few)],
         "check": [run("check", *sensed)],
         "evaluate": [run("evaluate", *ARM7), run("evaluate", *sensed)],

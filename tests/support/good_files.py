@@ -44,11 +44,13 @@ DH = "joint,d_a [mm],d_alpha,d_theta [deg]\nturn,0.5,1e-3,0.02\nlift,-0.1,2e-3,0
 TESSERACT = "calibration: {joints: {lift: {position: {x: 0.301, y: 0, z: 0}, orientation: {r: 0.1, p: 0, y: 0}}}}\n"
 SCRIPT = "def p():\n  q = [0.1, 0.2, 0.05]\n  movej(q)\n  movej([-0.2,0.3,0.1], a=1)\nend\n"
 KRL = "PTP {A1 10.0,A2 5,A3 0.5}\nDECL E6AXIS XP1={A1 -3.0,A2 2.0,A3 0.25}\n"
+FLEET = "name,description,measurements,options\na,small.urdf,points.csv,--no-sag\nb,small.urdf,m.csv,--no-sag --error-model dh\n"
 TEXTS = {
     "small.urdf": URDF,
     "targets.csv": TARGETS,
     "dh.csv": DH,
     "prior.yaml": "urdfcal: prior\nrobots: 5\njoint: {translation_mm: 1.5, rotation_deg: 0.1, zero_deg: 0.2}\n",
+    "fleet.csv": FLEET,
     "p.script": SCRIPT,
     "p.src": KRL,
     "model.xml": MJCF,
@@ -82,6 +84,7 @@ COMMANDS = {
         "view small.urdf m.csv --html out.html --overwrite",
         "paper small.urdf --runs 1",
         "simulate small.urdf -o out.csv --overwrite --poses 3 --sag-mrad 1",
+        "simulate small.urdf -o out --poses 3 --robots 2",
     ),
     "c.urdf": (
         "import small.urdf c.urdf -o out.yaml --overwrite",
@@ -145,6 +148,7 @@ COMMANDS = {
     "shown.urdf": (_VIEW,),
     **{name: (_VIEW,) for name in ("part.stl", "part.obj", "part.mtl", "part.dae", "part.png")},
     **{name: (f"fit small.urdf {name} -o out.urdf --overwrite", f"evaluate small.urdf {name}") for name in SENSORS},
+    "fleet.csv": ("fleet fleet.csv -o out --workers 1",),
 }
 BESIDE = ("ur.urdf", "urc.yaml", "sag.yaml", "sag.urdf", *VIEWS[1:])  # what commands take beside the file that is broken
 FIT = {"out.urdf", "out_calibration.yaml"}

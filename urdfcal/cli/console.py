@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.progress import listening
@@ -99,13 +100,15 @@ class Working:
 
     def begin(self, what: str, total: int | None) -> Callable[[], None]:
         """Show a line of something that is counted, below those that it is part of."""
+        from urdfcal.cli.pace import Pace
+
         task = self.bar.add_task(f"{'  ' * (1 + len(self.tasks))}{what}", total=total, count=_count(0, total), left="")
-        self.bar.advance(task, 0)  # from here the time to go is counted
+        pace = Pace(what, total or 0)
 
         def advance() -> None:
+            pace.step()
             self.bar.advance(task)
-            own = self.bar._tasks[task]
-            self.bar.update(task, count=_count(int(own.completed), total), left=_left(own.time_remaining if total else None))
+            self.bar.update(task, count=_count(pace.done, total), left=", ".join(filter(None, (pace.rate, pace.left))) if total else "")
 
         self.tasks[advance] = task
         return advance
@@ -115,16 +118,21 @@ class Working:
         self.bar.remove_task(self.tasks.pop(advance))
 
 
+@contextmanager
+def working_through(what: str, quiet: bool) -> Iterator[None]:
+    """The same for what may take hours: a log has a line now and then, with the rate and the time to go."""
+    from urdfcal.cli.pace import Logged
+
+    if quiet or sys.stderr.isatty():
+        with Working(what, quiet):
+            yield
+        return
+    with listening(Logged(lambda line: say(True, f"urdfcal: {line}"))):
+        yield
+
+
 def _count(done: int, total: int | None) -> str:
     return f"{done} of {total}" if total else str(done)
-
-
-def _left(seconds: float | None) -> str:
-    """The time to go, as people say it."""
-    if seconds is None:
-        return ""
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes}:{rest:02} to go"
 
 
 class ProgressBar:

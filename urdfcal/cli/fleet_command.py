@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import FitRejected, UsageError
-from urdfcal.cli.console import Working, finish, say, warn
+from urdfcal.cli.console import finish, say, warn, working_through
 from urdfcal.cli.options import Json, Quiet
 
 if TYPE_CHECKING:
@@ -55,13 +55,14 @@ def fleet(
     from urdfcal.base.terminal import many
     from urdfcal.estimation.evidence import LEAST_POSES
     from urdfcal.fleet.manifest import fleet_rows
-    from urdfcal.fleet.outcome import standing_out
     from urdfcal.fleet.prior import fleet_prior
+    from urdfcal.fleet.told import counted
+    from urdfcal.fleet.unlike import standing_out
     from urdfcal.fleet.written import written
 
     rows = fleet_rows(manifest, _words(options))
     into = _folder(output)
-    with Working(f"fitting {len(rows)} robots", quiet):
+    with working_through(f"fitting {many(len(rows), 'robot')}", quiet):
         outcomes = _all(rows, into, workers, scheduler)
     likelihoods = {own.name: told for own in outcomes if (told := own.likelihood) is not None}
     prior = fleet_prior(likelihoods)
@@ -70,12 +71,12 @@ def fleet(
     unsure = [own.name for own in outcomes if own.joints and not own.noise_known]
     few = f"fewer than {LEAST_POSES} poses, and the noise of what was read is not stated: left out of the prior"
     warn([f"{', '.join(unsure[:_TOLD])}{' ...' if len(unsure) > _TOLD else ''}: {few}"] if unsure else [], quiet)
-    bad = [own for own in outcomes if own.code]
+    bad = [own for own in outcomes if own.use in ("no", "failed")]
     warn([f"{own.name}: {own.said}" for own in bad[:_TOLD]], quiet)
     warn([f"and {len(bad) - _TOLD} more: see summary.csv"] if len(bad) > _TOLD else [], quiet)
     finish(_machine(outcomes, files) if as_json else None, _told(outcomes, files), quiet)
     if bad:
-        say(True, f"urdfcal: {len(bad)} of {many(len(rows), 'robot')} failed, or must not be used: see {into / 'summary.csv'}")
+        say(True, f"urdfcal: of {many(len(rows), 'robot')} {counted(bad)}: see {into / 'summary.csv'}")
         raise typer.Exit(FitRejected.exit_code)
 
 
@@ -146,12 +147,19 @@ def _spread(batches: Sequence[Sequence[FleetRow]], into: Path, workers: int, sch
             own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
             cluster = distributed.LocalCluster(**own) if scheduler is None else None
             client = distributed.Client(cluster or scheduler, timeout="10s")
-        except (OSError, ValueError, TimeoutError) as error:
-            raise UsageError(f"--scheduler {scheduler}: does not answer: {' '.join(str(error).split())}") from None
+        except (OSError, ValueError, TimeoutError, RuntimeError) as error:
+            raise _no_workers(workers, scheduler, error) from None
         with client, cluster or nullcontext():
             tasks = {client.submit(fit_rows, batch, into, pure=False): batch for batch in batches}
             for task in distributed.as_completed(list(tasks)):
                 yield task.result() if task.status == "finished" else [_lost(row.name, task) for row in tasks[task]]
+
+
+def _no_workers(workers: int, scheduler: str | None, error: Exception) -> UsageError:
+    said = " ".join(str(error).split()) or type(error).__name__
+    if scheduler is not None:
+        return UsageError(f"--scheduler {scheduler}: does not answer: {said}")
+    return UsageError(f"{workers} processes cannot be started here: {said}; --workers 1 does without")
 
 
 def _lost(name: str, task: Any) -> Outcome:
@@ -162,25 +170,18 @@ def _lost(name: str, task: Any) -> Outcome:
 
 
 def _told(outcomes: Sequence[Outcome], files: Sequence[Path]) -> str:
-    import numpy as np
+    from urdfcal.fleet.told import opening
 
-    from urdfcal.base.terminal import many, rounded
-
-    counts = {use: sum(own.use == use for own in outcomes) for use in ("yes", "reservations", "no", "failed")}
-    words = {"yes": "can be used", "reservations": "with reservations", "no": "not to be used", "failed": "failed"}
     kept = sum(own.kept for own in outcomes)
-    lines = [f"{many(len(outcomes), 'robot')}: " + ", ".join(f"{count} {words[use]}" for use, count in counts.items() if count)]
-    good = [own for own in outcomes if own.result]
-    if good:
-        before, after = (np.median([own.mean_mm(when) for own in good]) for when in ("before", "after"))
-        lines.append(f"mean distance, median over robots: {rounded(before, 3)} mm before, {rounded(after, 3)} mm after")
-    lines += [f"{kept} from an earlier run"] if kept else []
+    lines = [*opening(outcomes), *([f"{kept} from an earlier run"] if kept else [])]
     return "\n".join([*lines, "wrote " + ", ".join(str(file) for file in files)])
 
 
 def _machine(outcomes: Sequence[Outcome], files: Sequence[Path]) -> dict[str, Any]:
+    from urdfcal.fleet.outcome import summary_rows
+
     def plain(value: Any) -> Any:
         return None if isinstance(value, float) and math.isnan(value) else value
 
-    rows = [{key: plain(value) for key, value in own.row().items()} for own in outcomes]
+    rows = [{key: plain(value) for key, value in row.items()} for row in summary_rows(outcomes)]
     return {"robots": rows, "kept": sum(own.kept for own in outcomes), "files": [str(file) for file in files]}

@@ -83,8 +83,9 @@ def _called(row: FleetRow, folder: Path) -> tuple[int, str, dict[str, Any]]:
     """Exit code, complaint and result of `fit`, which begins where the row's paths do."""
     from urdfcal.cli.fit_command import fit
     from urdfcal.cli.run import called
+    from urdfcal.fleet.fit_words import placed
 
-    words = [str(row.description), str(row.measurements), *row.options, "-o", str(folder / f"{row.name}_calibrated.urdf")]
+    words = [str(row.description), str(row.measurements), *placed(row.options, folder), "-o", str(folder / f"{row.name}_calibrated.urdf")]
     with _alone, contextlib.chdir(row.folder):
         heard = called(fit, [*words, "--json", "-q"])
     lines = [line.removeprefix("urdfcal: ") for line in heard.err.splitlines() if line.strip()]

@@ -46,6 +46,16 @@ def named(place: Path, default: str) -> Path:
     return place.with_name(default) if place.name == _DEFAULT_NAME else place
 
 
+def folder_of(place: Path) -> Path:
+    """The folder that a place states, with a stroke at its end or without."""
+    return place.parent if place.name == _DEFAULT_NAME else place
+
+
+def beside(place: Path, what: str) -> Path:
+    """`<stem>_<what>.yaml` beside a place."""
+    return place.parent / f"{place.stem}_{what}.yaml"
+
+
 def require_places(*outputs: Path, inputs: Iterable[Path | None]) -> None:
     """Refuse outputs that cannot be written or would fall on an input, before any work is done.
 

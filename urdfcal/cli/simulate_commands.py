@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -38,13 +38,25 @@ from urdfcal.cli.options import (
     XacroArgs,
     XacroLimits,
 )
-from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.places import (
+    MEASUREMENTS,
+    STDOUT,
+    beside,
+    deliver,
+    folder_of,
+    named,
+    require_ending,
+    require_no_json,
+    require_places,
+    stated_place,
+)
 
 if TYPE_CHECKING:
-    from urdfcal.simulation.setup import SimulatedSetup
+    from urdfcal.calibration.rig_file import RigFile
+    from urdfcal.cli.simulated_files import Simulator
+    from urdfcal.robot.robot import Robot
 
-
-_MOST_POSES, _MOST_PLACES = 100_000, 1000  # more take all memory, and nobody measures so many
+_MOST_POSES, _MOST_PLACES, _MOST_ROBOTS = 100_000, 1000, 10_000  # more take all memory, and nobody measures so many
 
 
 class SimulateCommand(OurCommand):
@@ -71,12 +83,22 @@ def simulate(
             metavar="CSV",
             parser=stated_place,
             help="Measurements; the truth goes to <stem>_truth.yaml beside them. A folder for <robot>_simulated.csv in it, - for stdout, "
-            "without the truth.",
+            "without the truth. With --robots a new folder.",
             show_default=False,
         ),
     ],
     poses: Annotated[int, typer.Option(min=1, max=_MOST_POSES, help="How many poses.")] = 60,
     test_poses: Annotated[int, typer.Option(min=0, max=_MOST_POSES, help="Further poses, marked as test in a 'set' column.")] = 0,
+    robots: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=_MOST_ROBOTS,
+            help="A fleet: so many robots with errors of their own, seeds counted on from --seed. -o is then a new folder, and its "
+            "manifest.csv is one for urdfcal fleet.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Seed = 0,
     spot_noise_mm: Annotated[float, typer.Option(help="Noise of a spot coordinate in mm.")] = 1.0,
     joint_noise_deg: Annotated[float, typer.Option(help="Noise of a joint reading in deg.")] = 0.0,
@@ -194,47 +216,26 @@ def simulate(
     verbose: Verbose = False,
 ) -> None:
     """Simulate measurements of a robot with stated or random errors."""
-    import numpy as np
-
-    from urdfcal.base.files import sha256
-    from urdfcal.base.terminal import many
     from urdfcal.calibration.reach import screen_area
-    from urdfcal.model.parameters import INSTRUMENTS
-    from urdfcal.output.calibration_yaml import truth_yaml
-    from urdfcal.output.replaced import require_marked
+    from urdfcal.cli.simulated_files import Simulator
     from urdfcal.robot.configurations import require_room, without_room
-    from urdfcal.robot.corrections import OriginCorrection
-    from urdfcal.sensors.measurements_csv import measurements_csv
     from urdfcal.simulation.readings import reading_noise
     from urdfcal.simulation.setup import parse_sensors, seen_with
-    from urdfcal.simulation.simulated import simulated_by
-    from urdfcal.simulation.truth import sag_bytes, sag_scales, soft_truth, truth_of
+    from urdfcal.simulation.truth import sag_scales
 
     require_no_json(as_json, output)
     rig_file = with_board(rig_file_of(rig, reference_known, target_known), board)
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     require_boards(arm, rig_file)
-    output = named(output, f"{arm.description.stem}_simulated.csv")
-    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
     boards = rig_file.grids()
     sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
     pictured = any(own.by_camera for own in sensors)
     _require_use_of(camera, pictured, output)
-    truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
-    lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None
-    written = {
-        output: ("SIMULATED", "urdfcal simulate"),
-        **({truth_file: ("SIMULATED", sha256(arm.description.text))} if truth_file else {}),
-    }
-    written |= {lens_file: ("# A camera", "simulated: true")} if lens_file else {}
-    require_places(*written, inputs=(robot, rig, camera, None if "," in errors else Path(errors)))
-    if not overwrite:
-        for place, marks in written.items():
-            require_marked(place, marks, "result of urdfcal simulate for this robot")
-    rng = np.random.default_rng(seed)
+    inputs = (robot, rig, camera, None if "," in errors else Path(errors))
+    place = _folder_place(output) if robots is not None else _files_place(arm, output, pictured and camera is None, inputs, overwrite)
     read_with = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
-    lens = _usual_lens() if lens_file else camera_of(camera)
+    lens = _usual_lens() if pictured and camera is None else camera_of(camera)
     if sensors:
         arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
     area = stated_area(screen_size_m) or screen_area(arm)
@@ -242,65 +243,103 @@ def simulate(
     require_room(arm)
     held = without_room(arm)
     warn([f"{held}, so they stand still in all poses"] if held else [], quiet)
-    model, x = truth_of(arm, errors, rng)
-    if soft:
-        model, x = soft_truth(arm, model, x, soft, rng)
-    setup, found = simulated_by(
-        arm,
-        model,
-        x,
-        sensors,
-        (poses, test_poses),
-        rng,
-        read_with,
-        area=area,
-        reference_known=rig_file.reference_known,
-        target_known=rig_file.target_known,
-        camera=lens,
-        boards=boards,
-    )
-    model, x, data, looked = setup.errors, setup.x, found.data, found.looked
-    again = _drawn_again(len(data), looked, lasers, setup)
-    joints = arm.tree.joints
-    corrections = {
-        name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
-    }
     sizes = {"spot_mm": spot_noise_mm} if lasers else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
-    sizes |= {"pixel_px": pixel_noise_px} if setup.pictured else {}
+    sizes |= {"pixel_px": pixel_noise_px} if pictured else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
-    stated = {"distribution": noise.value, **sizes, "joint_deg": joint_noise_deg, "seed": seed}
-    comments = [
-        f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
-        f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
-        + (f"; {_in_words(bent)}" if bent else ""),
-        "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
-        *again,
-        *_advice(setup, lens_file or camera, rig),
-    ]
-    values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
-    truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
-    if sensors:
-        import yaml
-
-        truth += yaml.safe_dump({"instruments": setup.entries()}, sort_keys=False, default_flow_style=None, width=160).encode()
-    files: dict[str | Path, bytes] = {truth_file: truth} if truth_file else {}
-    files |= {lens_file: _lens_yaml(lens)} if lens_file else {}
-    made = f"{output} ({many(len(data), 'simulated pose')})"
-    deliver({**files, output: measurements_csv(data, comments)})
-    finish(
-        {
-            "measurements": str(output),
-            "truth": str(truth_file),
-            "poses": len(data),
-            "random_poses": looked or len(data),
-            **({"camera": str(lens_file)} if lens_file else {}),
-        }
-        if as_json
-        else None,
-        "\n".join([f"wrote {listed([made, *files])}" if files else f"{many(len(data), 'simulated pose')}; the truth is not kept", *again]),
-        quiet,
+    simulator = Simulator(
+        arm,
+        errors,
+        (poses, test_poses),
+        read_with,
+        sensors,
+        lasers,
+        area,
+        rig_file,
+        lens=lens,
+        soft=soft,
+        sizes={**sizes, "joint_deg": joint_noise_deg},
+        bent=bent,
+        distribution=noise.value,
     )
+    if robots is None:
+        _one(simulator, place, seed, camera, rig, as_json, quiet)
+        return
+    fitted = rig_file.model_copy(update={"screen": screen or rig_file.screen, "lasers": laser or rig_file.lasers})
+    bends = [word for own in payload or () for word in ("--payload", own)] + (["--gravity", gravity] if gravity else [])
+    _fleet(simulator, place, range(seed, seed + robots), fitted, bends, as_json, quiet)
+
+
+def _files_place(arm: Robot, output: Path, lens: bool, inputs: tuple[Path | None, ...], overwrite: bool) -> Path:
+    """Where measurements are to be written, with truth and lens beside them.
+
+    Raises:
+        UsageError: something of another kind is there, or it is an input.
+    """
+    from urdfcal.base.files import sha256
+    from urdfcal.output.replaced import require_marked
+
+    output = named(output, f"{arm.description.stem}_simulated.csv")
+    require_ending("-o", output, MEASUREMENTS, "a file of measurements")
+    written = {output: ("SIMULATED", "urdfcal simulate")}
+    if output != STDOUT:
+        written[beside(output, "truth")] = ("SIMULATED", sha256(arm.description.text))
+    if lens:
+        written[beside(output, "camera")] = ("# A camera", "simulated: true")
+    require_places(*written, inputs=inputs)
+    if not overwrite:
+        for place, marks in written.items():
+            require_marked(place, marks, "result of urdfcal simulate for this robot")
+    return output
+
+
+def _folder_place(output: Path) -> Path:
+    """Where a fleet is to be written.
+
+    Raises:
+        UsageError: it can be no new folder.
+    """
+    from urdfcal.base.whole_files import require_new_folder
+
+    if output == STDOUT or output.suffix.lower() in MEASUREMENTS[:-1]:
+        raise UsageError(f"-o {output}: --robots makes a folder with a file of measurements a robot; name one, such as -o fleet/")
+    folder = folder_of(output)
+    require_new_folder(folder)
+    return folder
+
+
+def _one(simulator: Simulator, output: Path, seed: int, camera: Path | None, rig: Path | None, as_json: bool, quiet: bool) -> None:
+    """One robot: its measurements, truth and lens."""
+    from urdfcal.base.terminal import many
+
+    lens_file = beside(output, "camera") if simulator.lens is not None and camera is None else None
+    made = simulator.made(seed, lens_file or camera, rig)
+    truth_file = None if output == STDOUT else beside(output, "truth")
+    files: dict[str | Path, bytes] = {truth_file: made.truth} if truth_file else {}
+    files |= {lens_file: _lens_yaml(simulator.lens)} if lens_file else {}
+    count = many(made.poses, "simulated pose")
+    deliver({**files, output: made.measurements})
+    told = f"wrote {listed([f'{output} ({count})', *files])}" if files else f"{count}; the truth is not kept"
+    machine = {"measurements": str(output), "truth": str(truth_file), "poses": made.poses, "random_poses": made.looked}
+    machine |= {"camera": str(lens_file)} if lens_file else {}
+    finish(machine if as_json else None, "\n".join([told, *made.again]), quiet)
+
+
+def _fleet(simulator: Simulator, folder: Path, seeds: range, rig: RigFile, bends: list[str], as_json: bool, quiet: bool) -> None:
+    """Robots of one model, and the manifest that `urdfcal fleet` takes."""
+    from urdfcal.base.terminal import many
+    from urdfcal.base.whole_files import folder_whole
+    from urdfcal.cli.console import ProgressBar
+    from urdfcal.cli.simulated_fleet import MANIFEST, SimulatedFleet
+
+    fleet = SimulatedFleet(simulator, rig, tuple(bends), None if simulator.lens is None else _lens_yaml(simulator.lens))
+    with folder_whole(folder) as inside, ProgressBar("simulating", len(seeds), quiet or as_json) as advance:
+        poses = fleet.write(inside, seeds, advance)
+    manifest = folder / MANIFEST
+    machine = {"folder": str(folder), "manifest": str(manifest), "robots": len(seeds), "poses": poses}
+    told = f"wrote {folder}: {many(len(seeds), 'simulated robot')} of {many(poses, 'pose')} each"
+    following = f"next: urdfcal fleet {quote(str(manifest))} -o {quote(f'{folder}_fitted')}"
+    finish(machine if as_json else None, f"{told}\n{following}", quiet)
 
 
 def _usual_lens() -> Any:
@@ -327,44 +366,3 @@ def _require_use_of(camera: Path | None, pictured: bool, output: Path) -> None:
         raise UsageError(f"--camera {camera}: nothing is read by it; name a board with --board or --rig, or --sensor pixels:LINK")
     if pictured and camera is None and output == STDOUT:
         raise UsageError("-o -: the camera of these pixels would not be kept; name its lens with --camera YAML, or a file with -o")
-
-
-def _in_words(sizes: dict[str, float]) -> str:
-    """`spot 1 mm, joint 0 deg`."""
-    return ", ".join("{} {:g} {}".format(name.rpartition("_")[0], size, name.rpartition("_")[2]) for name, size in sizes.items())
-
-
-def _drawn_again(poses: int, looked: int, lasers: bool, setup: SimulatedSetup) -> list[str]:
-    """How many random poses were passed over, and why; nothing where none was."""
-    if looked <= poses:
-        return []
-    wanted = [f"with every beam on the screen of {setup.area}"] if lasers else []
-    wanted += ["with the board in the picture"] if setup.pictured else []
-    return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
-
-
-def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None) -> list[str]:
-    """What a fit has to be told beyond the file: the reference link, the camera, boards, a length where only touches were made."""
-    from itertools import pairwise
-
-    import numpy as np
-
-    instruments, lines = setup.robot.rig.instruments, []
-    if instruments.placed:
-        kinds = {slot.kind for slot in setup.errors.slots if slot.found}
-        known = "".join(f" --{kind}-known" for kind in ("reference", "target") if kind not in kinds)
-        by = f" --camera {camera}" if setup.pictured else ""
-        by += f" --rig {rig}" if rig else ""
-        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}{by}")
-    if setup.boards and setup.pictured:
-        entries = ", ".join(f"{link}: '{grid}'" for link, grid in setup.boards.items())
-        lines.append(f"for a rig.yaml: boards: {{{entries}}}")
-    sockets = [place.name for place in instruments.places if place.name.startswith("socket:")]
-    apart = {
-        f"{one.removeprefix('socket:')} - {other.removeprefix('socket:')}": float(np.linalg.norm(setup.place(one) - setup.place(other)))
-        for one, other in pairwise(sockets)
-    }
-    if apart:
-        lengths = ", ".join(f"'{pair}': {length * 1e3:.3f}" for pair, length in apart.items())
-        lines.append(f"true distances, for a rig.yaml: sockets: {{distances_mm: {{{lengths}}}}}")
-    return lines

@@ -13,6 +13,7 @@ from urdfcal.base.errors import InputError, UsageError
 from urdfcal.base.files import sha256
 from urdfcal.base.tables import Table, read_table
 from urdfcal.base.version import __version__
+from urdfcal.fleet.fit_words import named, unsuitable
 
 COLUMNS = ("name", "description", "measurements", "options")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
@@ -41,8 +42,8 @@ class FleetRow:
 
     def made_of(self) -> str:
         """Hash of all that decides its result: the files that it names, the options, this version."""
-        named = [self.description, self.measurements, *(self.folder / word for word in self.options)]
-        contents = [sha256(file.read_bytes()) for file in named if file.is_file()]
+        files = [self.description, self.measurements, *(self.folder / word for word in named(self.options))]
+        contents = [sha256(file.read_bytes()) for file in files if file.is_file()]
         return sha256("\n".join([__version__, *map(str, self.options), *contents]).encode())
 
 
@@ -55,8 +56,10 @@ def fleet_rows(manifest: str, options: Sequence[str] = ()) -> list[FleetRow]:
 
     Raises:
         InputError: the manifest cannot be read, or names robots alike.
-        UsageError: no folder matches.
+        UsageError: no folder matches, or an option is none for a robot of a fleet.
     """
+    if said := unsuitable(options):
+        raise UsageError(f"--fit: {said}")
     path = Path(manifest)
     rows = list(_from_table(path, tuple(options)) if path.suffix.lower() in (".csv", ".tsv") else _from_folders(manifest, tuple(options)))
     names = [row.name for row in rows]
@@ -80,11 +83,16 @@ def _from_table(path: Path, options: tuple[str, ...]) -> Iterator[FleetRow]:
             own = tuple(shlex.split(_cell(table, "options", row)))
         except ValueError as error:
             own, trouble = (), trouble or f"options: {error}"
+        trouble = trouble or _beginning(f"row {row + 1}: ", unsuitable(own))
         yield FleetRow(name, folder, folder / description, folder / measurements, (*options, *own), trouble)
 
 
 def _cell(table: Table, column: str, row: int) -> str:
     return str(table.columns[column][row]).strip() if column in table.names else ""
+
+
+def _beginning(start: str, text: str) -> str:
+    return start + text if text else ""
 
 
 def _trouble(name: str, files: dict[str, str]) -> str:

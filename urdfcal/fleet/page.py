@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.base.terminal import displayed, many, rounded
-from urdfcal.fleet.outcome import Outcome, StandsOut
+from urdfcal.base.terminal import displayed, rounded
+from urdfcal.fleet.outcome import USES, WHEN, Outcome, units_of
 from urdfcal.fleet.prior import FleetPrior
+from urdfcal.fleet.told import opening
+from urdfcal.fleet.unlike import StandsOut
 from urdfcal.model.parameters import Parameter
 from urdfcal.output.report.document import Table
 from urdfcal.output.report.html import filled_page
@@ -19,7 +21,6 @@ from urdfcal.output.report.plots.svg import Picture, draw_picture, row_ends, row
 
 _INTERVAL = 1.96
 _MOST_ROWS = 40  # robots that a picture names
-_USE = {"yes": "can be used", "reservations": "with reservations", "no": "do not use", "failed": "failed"}
 
 
 def fleet_page(outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Sequence[StandsOut]) -> str:
@@ -28,7 +29,7 @@ def fleet_page(outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Se
     drawn = {"accuracy": _accuracy(good), "parameters": _parameters(good, prior)}
     return filled_page(
         "fleet.html.j2",
-        opening=_opening(outcomes),
+        opening=[f"{line[0].upper()}{line[1:]}." for line in opening(outcomes)],
         level="good" if len(good) == len(outcomes) and all(own.use != "no" for own in good) else "note",
         robots=_robots(outcomes),
         unlike=_unlike(unlike),
@@ -38,28 +39,17 @@ def fleet_page(outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Se
     )
 
 
-def _opening(outcomes: Sequence[Outcome]) -> list[str]:
-    counts = {use: sum(own.use == use for own in outcomes) for use in _USE}
-    said = [f"{many(len(outcomes), 'robot')}: " + ", ".join(f"{count} {_USE[use]}" for use, count in counts.items() if count) + "."]
-    good = [own for own in outcomes if own.result]
-    if good:
-        before, after = ([own.mean_mm(when) for own in good] for when in ("before", "after"))
-        said.append(
-            f"Mean distance from measured to predicted, over robots: median {rounded(np.median(before), 3)} mm before and "
-            f"{rounded(np.median(after), 3)} mm after; the worst {rounded(max(before), 3)} mm before and {rounded(max(after), 3)} mm after."
-        )
-    return said
-
-
 def _robots(outcomes: Sequence[Outcome]) -> Table:
-    rows = [
-        (own.name, _USE[own.use], own.said, str(own.row()["poses"]), *(_mm(own.mean_mm(when)) for when in ("before", "after", "test")))
-        for own in outcomes
-    ]
-    return Table(("robot", "verdict", "what is said", "poses", "before, mm", "after, mm", "test, mm"), tuple(rows), words=3)
+    """A row a robot; columns in which nobody has anything are left out."""
+    known = [(when, unit) for unit in units_of(outcomes) for when in WHEN if any(np.isfinite(own.mean(when, unit)) for own in outcomes)]
+    rows = []
+    for own in outcomes:
+        figures = (_figure(own.mean(*each)) for each in known)
+        rows.append((own.name, USES[own.use], own.said, str(own.result.get("poses", {}).get("count", "–")), *figures))
+    return Table(("robot", "verdict", "what is said", "poses", *(f"{when}, {unit}" for when, unit in known)), tuple(rows), words=3)
 
 
-def _mm(value: float) -> str:
+def _figure(value: float) -> str:
     return rounded(value, 3) if np.isfinite(value) else "–"
 
 
@@ -94,22 +84,28 @@ def _gains(prior: FleetPrior | None) -> str:
 
 
 def _accuracy(good: Sequence[Outcome]) -> list[Picture]:
-    if not good:
-        return []
-    shown = sorted(good, key=lambda own: -own.mean_mm("after"))[:_MOST_ROWS]
-    caption = "Mean distance from measured to predicted" + (f"; the {_MOST_ROWS} worst of {len(good)}." if len(good) > len(shown) else ".")
-    return [draw_picture("accuracy", "Before and after", caption, row_height(len(shown)), _Accuracy(shown).draw)]
+    """Before and after, a picture for each unit that is read."""
+    found = []
+    for unit in units_of(good) if good else ():
+        own = [each for each in good if np.isfinite(each.mean("after", unit))]
+        shown = sorted(own, key=lambda each: -each.mean("after", unit))[:_MOST_ROWS]
+        caption = "Mean distance from measured to predicted" + (
+            f"; the {_MOST_ROWS} worst of {len(own)}." if len(own) > len(shown) else "."
+        )
+        found.append(draw_picture("accuracy", "Before and after", caption, row_height(len(shown)), _Accuracy(shown, unit).draw))
+    return found
 
 
 @dataclass(frozen=True)
 class _Accuracy:
     robots: Sequence[Outcome]
+    unit: str
 
     def draw(self, axes: Axes) -> None:
         place = -np.arange(len(self.robots), dtype=float)
         seen: list[Vector] = []
         for when, look in (("before", Look("soft", "o")), ("after", Look("c0", "o")), ("test", Look("c1", "D"))):
-            values = np.array([own.mean_mm(when) for own in self.robots])
+            values = np.array([own.mean(when, self.unit) for own in self.robots])
             if np.isfinite(values).any():
                 seen.append(values[values > 0])
                 axes.points(np.where(values > 0, values, np.nan), place, look, {"test": "after, of test poses"}.get(when, when))
@@ -117,7 +113,7 @@ class _Accuracy:
         all_seen = np.concatenate(seen) if seen else np.empty(0)
         if len(all_seen):
             axes.x_kind, axes.x_ends = "log", (0.7 * float(all_seen.min()), 1.4 * float(all_seen.max()))
-        axes.x_label, axes.y_ends = "in mm", row_ends(len(self.robots))
+        axes.x_label, axes.y_ends = f"in {self.unit}", row_ends(len(self.robots))
 
 
 def _parameters(good: Sequence[Outcome], prior: FleetPrior | None) -> list[Picture]:

@@ -12,16 +12,17 @@ from typing import Any
 import yaml
 
 from urdfcal.base.files import write_together
-from urdfcal.fleet.outcome import Outcome, StandsOut, parameter_rows
+from urdfcal.fleet.outcome import Outcome, parameter_rows, summary_rows
 from urdfcal.fleet.page import fleet_page
 from urdfcal.fleet.prior import FleetPrior, prior_entries
+from urdfcal.fleet.unlike import StandsOut
 
 _PRIOR = "# How large errors of these robots' joints are, by urdfcal fleet; for `urdfcal fit --prior-from`\n"
 
 
 def written(into: Path, outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Sequence[StandsOut]) -> list[Path]:
     """Write them together, and say which."""
-    tables = {"summary": [own.row() for own in outcomes], "parameters": parameter_rows(outcomes)}
+    tables = {"summary": summary_rows(outcomes), "parameters": parameter_rows(outcomes)}
     files: dict[str | Path, bytes] = {into / f"{name}.csv": _as_csv(rows) for name, rows in tables.items() if rows}
     files |= {into / f"{name}.parquet": content for name, rows in tables.items() if rows and (content := _as_parquet(rows))}
     if prior is not None:
