@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ from urdfcal.cli.inputs import (
     require_boards,
     rig_file_of,
     stated_area,
+    stations_of,
     with_board,
 )
 from urdfcal.cli.options import (
@@ -41,6 +43,7 @@ from urdfcal.cli.options import (
 from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 
 if TYPE_CHECKING:
+    from urdfcal.sensors.columns import Stations
     from urdfcal.simulation.setup import SimulatedSetup
 
 
@@ -124,9 +127,10 @@ def simulate(
     sensor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KIND:LINK",
+            metavar="KIND:LINK[@INSTRUMENT]",
             help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
-            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: the boards of --board and --rig, else laser.",
+            "several on one link as LINK:LABEL, by one of several instruments (a link, or a name in rig.yaml) as LINK@INSTRUMENT; "
+            "repeatable, they are mixed. Default: the boards of --board and --rig by every camera, else laser.",
             show_default=False,
         ),
     ] = None,
@@ -216,9 +220,9 @@ def simulate(
     require_boards(arm, rig_file)
     output = named(output, f"{arm.description.stem}_simulated.csv")
     require_ending("-o", output, MEASUREMENTS, "a file of measurements")
-    boards = rig_file.grids()
-    sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
-    pictured = any(own.by_camera for own in sensors)
+    boards, stations = rig_file.grids(), stations_of(arm, rig_file)
+    sensors, lasers = parse_sensors(sensor or _boards_seen(boards, stations) or ["laser"], arm, places, boards, stations)
+    pictured = any(own.by_camera and own.instrument not in stations.cameras for own in sensors)
     _require_use_of(camera, pictured, output)
     truth_file = None if output == STDOUT else output.parent / f"{output.stem}_truth.yaml"
     lens_file = output.parent / f"{output.stem}_camera.yaml" if pictured and camera is None else None
@@ -227,7 +231,7 @@ def simulate(
         **({truth_file: ("SIMULATED", sha256(arm.description.text))} if truth_file else {}),
     }
     written |= {lens_file: ("# A camera", "simulated: true")} if lens_file else {}
-    require_places(*written, inputs=(robot, rig, camera, None if "," in errors else Path(errors)))
+    require_places(*written, inputs=(robot, rig, camera, *rig_file.cameras(), None if "," in errors else Path(errors)))
     if not overwrite:
         for place, marks in written.items():
             require_marked(place, marks, "result of urdfcal simulate for this robot")
@@ -236,7 +240,7 @@ def simulate(
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
     lens = _usual_lens() if lens_file else camera_of(camera)
     if sensors:
-        arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
+        arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards, stations)
     area = stated_area(screen_size_m) or screen_area(arm)
     say(verbose, about(arm))
     require_room(arm)
@@ -258,6 +262,7 @@ def simulate(
         target_known=rig_file.target_known,
         camera=lens,
         boards=boards,
+        stations=stations,
     )
     model, x, data, looked = setup.errors, setup.x, found.data, found.looked
     again = _drawn_again(len(data), looked, lasers, setup)
@@ -276,7 +281,7 @@ def simulate(
         + (f"; {_in_words(bent)}" if bent else ""),
         "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
         *again,
-        *_advice(setup, lens_file or camera, rig),
+        *_advice(setup, (lens_file or camera) if pictured else None, rig),
     ]
     values = {own.name: value for own, value in zip(model.parameters, x, strict=True) if own.kind not in (*INSTRUMENTS, "soft")}
     truth = truth_yaml(arm, corrections, values, sys.argv, stated) + sag_bytes(model, x)
@@ -301,6 +306,11 @@ def simulate(
         "\n".join([f"wrote {listed([made, *files])}" if files else f"{many(len(data), 'simulated pose')}; the truth is not kept", *again]),
         quiet,
     )
+
+
+def _boards_seen(boards: Iterable[str], stations: Stations) -> list[str]:
+    """The sensors that read all boards, by every camera that is named."""
+    return [f"pixels:{link}{at}" for at in [f"@{name}" for name in stations.cameras] or [""] for link in boards]
 
 
 def _usual_lens() -> Any:
@@ -336,10 +346,12 @@ def _in_words(sizes: dict[str, float]) -> str:
 
 def _drawn_again(poses: int, looked: int, lasers: bool, setup: SimulatedSetup) -> list[str]:
     """How many random poses were passed over, and why; nothing where none was."""
+    from urdfcal.simulation.sights import several
+
     if looked <= poses:
         return []
     wanted = [f"with every beam on the screen of {setup.area}"] if lasers else []
-    wanted += ["with the board in the picture"] if setup.pictured else []
+    wanted += [f"with {'a' if several(setup) else 'the'} board in the picture"] if setup.pictured else []
     return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
 
 
@@ -350,12 +362,13 @@ def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None) -> lis
     import numpy as np
 
     instruments, lines = setup.robot.rig.instruments, []
-    if instruments.placed:
+    if any(own.placed for own in instruments.every):
         kinds = {slot.kind for slot in setup.errors.slots if slot.found}
         known = "".join(f" --{kind}-known" for kind in ("reference", "target") if kind not in kinds)
-        by = f" --camera {camera}" if setup.pictured else ""
-        by += f" --rig {rig}" if rig else ""
-        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}{by}")
+        by = "" if instruments.name else f" --reference {instruments.reference}"
+        by += known + (f" --camera {camera}" if camera is not None else "") + (f" --rig {rig}" if rig else "")
+        frames = " and ".join(own.name or instruments.reference for own in instruments.every)
+        lines.append(f"measured from {frames}: urdfcal fit ...{by}")
     if setup.boards and setup.pictured:
         entries = ", ".join(f"{link}: '{grid}'" for link, grid in setup.boards.items())
         lines.append(f"for a rig.yaml: boards: {{{entries}}}")

@@ -20,6 +20,7 @@ from urdfcal.robot.urdf_tree import UrdfJoint
 
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
+FRAME = ":frame"  # behind the name of a measuring frame that something else already has
 _COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
 _SLIDE = ("rot_1", "rot_2")
 BEAMS = ("rot_x", "rot_y")
@@ -117,8 +118,9 @@ def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
     """The placement of every measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     taken = {step.joint.name for step in chain.moving} | ({rig.base} if rig.lasers else set())  # by joints and the screen
+    taken |= {target.placed_by for target in seen.targets}  # a hand may see, and be seen
     slots = [
-        Slot(f"{own.name}:frame" if own.name in taken else own.name, "reference", SIX, six_screws(), (), frame=index)
+        Slot(f"{own.name}{FRAME}" if own.name in taken else own.name, "reference", SIX, six_screws(), (), frame=index)
         for index, own in enumerate(seen.every)
         if own.placed
     ]

@@ -189,9 +189,12 @@ def _target(readings: Readings, offset: Collection[str], board: Grid | None) -> 
     if board is None:
         return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset))
     label = readings.target.partition(":")[2]
+    if label and not label.isdecimal() and not readings.kind.by_camera:  # a reflector beside the corners
+        return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset))
     if not label.isdecimal() or int(label) >= board.corners:
         raise UsageError(
             f"{readings.target}: the board {readings.link} has the corners {readings.link}:0 to {readings.link}:{board.corners - 1}"
+            + ("" if readings.kind.by_camera else f"; give something else on its link a label, such as {readings.link}:reflector")
         )
     return Target(readings.target, readings.link, SIX[:3], readings.link, board.at(int(label)))
 
