@@ -8,7 +8,7 @@ seeds), and each hand in the root, plainly and up to a constant placement of roo
 numbers a joint by Pinocchio on the whole robot, the same priors: how far apart its pairs are from ours at unseen poses, and how much
 better or worse than `auto` it is. *Rank*: of the full-pose Jacobian of `auto` and of six numbers a joint, and parameters of either.
 *Time*: one fit, and all pairs fitted one by one. *Coverage*: over sets whose truth is in the model, how often 95 % intervals of
-the joints' parameters, and of readings at unseen poses, hold. SIMULATED data; TIAGo and TALOS are public descriptions.
+the joints' determined parameters, and of readings at unseen poses, hold. SIMULATED data; TIAGo and TALOS are public descriptions.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from urdfcal.api import fit
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.result import FitResult
+from urdfcal.estimation.identifiability import DETERMINED
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -38,8 +39,10 @@ from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.packages import resolve_uri
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, load_robot
+from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.measurements import Measurements, as_measured
+from urdfcal.sensors.spots import beams_of
 from urdfcal.simulation.readings import ReadingNoise, simulate_readings
 from urdfcal.simulation.setup import Pair, SimulatedSetup, parse_sensors, seen_with, simulated_setup
 from urdfcal.vision.render.usual_camera import usual_lens
@@ -64,7 +67,8 @@ SEVEN = (  # as a PR2 has them
 GRID = Grid(6, 5, 0.03)
 NOISE = ReadingNoise(spot=0.3 * MM, length=0.1 * MM, angle=0.02 * DEG, pixel=0.2)
 SIZE = {"m": 2 * MM, "rad": 0.2 * DEG}
-UNSEEN, WITNESSED, Z95 = 60, 20, 1.959963984540054
+UNSEEN, WITNESSED, Z95 = 60, 40, 1.959963984540054
+AIMED = {"mount": np.repeat([20 * MM, 2 * DEG], 3), "screen": np.repeat([100 * MM, 5 * DEG], 3)}  # of a laser, and of a screen
 PRIOR = np.repeat([10 * MM, 1 * DEG], 3)  # the default one of a joint
 
 
@@ -135,6 +139,16 @@ SERVICE = (
 ONE = '<robot name="one"><link name="table"/>' + arm("ur5", "table", "0 0 0", "0 0 0", UR5, "0 0.0823 0") + "</robot>"
 _TIAGO, _TALOS = "tiago_description/robots/tiago_no_hand.urdf", "talos_data/robots/talos_reduced.urdf"
 _LEFT, _RIGHT = "wrist_left_ft_tool_link", "wrist_right_ft_tool_link"
+LASERS = TABLE.replace(
+    "</robot>",
+    joint("left_module", "left_hand", "module", "0 0.05 0.03")
+    + joint("first", "module", "laser_1", "0.03 0 0", "-1.570796327 0 0")
+    + joint("second", "module", "laser_2", "-0.03 0 0", "-1.27 0.1 0")
+    + joint("third", "right_hand", "laser_3", "0.02 0.05 0", "-1.57 0.2 0")
+    + joint("holds", "right_hand", "card", "0 0.1 0", "0 0 1.570796327")
+    + joint("stands", "table", "wall", "2 0 0.8")
+    + "</robot>",
+)
 CELLS = {
     "TIAGo": Cell(
         _TIAGO,
@@ -165,6 +179,10 @@ CELLS = {
         ),
         boards=("left_hand", "right_hand"),
         stations=Stations({"eye": "eye", "leica": "base"}),
+    ),
+    "two-arm laser cell": Cell(
+        text=LASERS,
+        sensors=tuple(f"laser:{pair}" for pair in ("laser_1@card", "laser_2@card", "laser_1@wall", "laser_2@wall", "laser_3@wall")),
     ),
     "stereo pair": Cell(
         text=ONE,
@@ -281,14 +299,23 @@ def configurations(robot: Robot, names: Sequence[str], q: Matrix) -> list[Vector
 
 
 def apart(one: Whole, other: Whole, q: Sequence[Vector], pairs: Sequence[tuple[str, str]]) -> Array3:
-    """Differences in position at some configurations, (configurations, pairs, 3), [mm]; and where the one has them."""
+    """Differences in position at some configurations, (configurations, pairs, 3), [mm]: of targets, or of lasers' spots where they are."""
     both = [(one.seen(row, pairs), other.seen(row, pairs)) for row in q]
-    return np.array([[a.translation - b.translation for a, b in zip(*pair, strict=True)] for pair in both]) / MM
+    return np.array([[_moved(a, b, *own) for a, b, own in zip(*pair, pairs, strict=True)] for pair in both]) / MM
+
+
+def _moved(one: pin.SE3, other: pin.SE3, target: str, instrument: str) -> Vector:
+    if not instrument or not target.startswith("laser"):
+        return np.asarray(one.translation - other.translation)
+    p, along = (np.array([[part(own)] for own in (one, other)]) for part in (lambda T: T.translation, lambda T: T.rotation[:, 2]))
+    beams = beams_of(p, along)
+    near = beams.makes_spot(farthest=4.0).all() and ScreenArea().holds(beams.spots[:1]).all()
+    return np.append(beams.spots[0, 0] - beams.spots[1, 0], 0.0) if near else np.full(3, np.nan)
 
 
 def rms(off: Array3) -> Vector:
     """Of every pair, (pairs,), [mm]."""
-    return np.asarray(np.sqrt((off**2).sum(axis=2).mean(axis=0)))
+    return np.asarray(np.sqrt(np.nanmean((off**2).sum(axis=2), axis=0)))
 
 
 def up_to_a_constant(true: Whole, off: Matrix, q: Sequence[Vector], hand: str) -> float:
@@ -339,7 +366,7 @@ def accuracy(cell: Cell, seed: int, poses: int) -> dict[str, float]:
 def singly(robot: Robot, data: Measurements) -> float:
     """Seconds of fitting every pair by itself."""
     seconds = 0.0
-    boards = {own.link for own in data.readings if own.kind.by_camera}
+    boards = {own.link for own in data.readings if own.kind.by_camera}  # each laser's beam on each screen is one, too
     pairs = dict.fromkeys((own.link if own.link in boards and own.kind.by_camera else own.target, own.instrument) for own in data.readings)
     for pair in pairs:
         own = tuple(
@@ -363,7 +390,9 @@ def witness(cell: Cell, seed: int) -> dict[str, float]:
     robot, rng = cell.robot(), np.random.default_rng([12, seed])
     setup = set_up(cell, robot, rng, "placement")
     data = simulate_readings(setup, WITNESSED, rng, NOISE)
-    sigmas = {kind: {"point": NOISE.length, "orientation": NOISE.angle, "pixel": NOISE.pixel}[kind] for kind in data.kinds}
+    sigmas = {
+        kind: {"point": NOISE.length, "orientation": NOISE.angle, "pixel": NOISE.pixel, "spot": NOISE.spot}[kind] for kind in data.kinds
+    }
     same: dict[str, Any] = {"sigmas": sigmas, "evidence": False, "sane": False, "asking": False, "gated": False}
     ours, usual = (fit(setup.robot, data, error_model=model, **same) for model in ("placement", "auto"))
     names = Names.of(setup)
@@ -407,8 +436,10 @@ class Batch:
         """The answer from where ours begins its instruments."""
         labels = list(self.names.links)
         joints = [step.joint.name for step in self.setup.errors.chain.moving]
-        size = np.concatenate([np.tile(PRIOR, len(joints)), np.ones(6 * len(labels))])
-        at = placed(self.start.errors, self.start.x)
+        near = {slot.label: AIMED[slot.like] for slot in self.start.errors.slots if slot.like is not None}
+        size = np.concatenate([np.tile(PRIOR, len(joints)), *(near.get(label, np.ones(6)) for label in labels)])
+        told = np.concatenate([np.ones(6 * len(joints)), *(np.full(6, float(label in near)) for label in labels)])
+        at = placed(self.start.errors, self.start.x) | dict.fromkeys(near, pin.SE3.Identity())
         q = configurations(self.robot, self.data.joints, self.data.q)
         frames = setup_frames(self.setup)
 
@@ -424,7 +455,7 @@ class Batch:
             robot = built(step)
             pairs = list(dict.fromkeys(self._pair(own, frames) for own in self.data.readings))
             poses = [robot.seen(row, pairs) for row in q]
-            parts = [step[: 6 * len(joints)]]
+            parts = [step * told]
             for own in self.data.readings:
                 number = pairs.index(self._pair(own, frames))
                 seen = [poses[row][number] for row in np.flatnonzero(own.seen)]
@@ -445,6 +476,10 @@ class Batch:
             return np.asarray((values - self.data.camera.project(np.array([pose.act(at) for pose in seen]))) / NOISE.pixel)
         if own.sensor == "point":
             return np.asarray((values - np.array([pose.translation for pose in seen])) / NOISE.length)
+        if own.kind.aimed:
+            along = np.array([pose.rotation[:, 2] for pose in seen])
+            p = np.array([pose.translation for pose in seen])
+            return np.asarray((values - (p - along * (p[:, :1] / along[:, :1]))[:, 1:]) / NOISE.spot)
         turned = [pin.Quaternion(row).toRotationMatrix() for row in values]
         return np.array([pin.log3(pose.rotation.T @ R) for pose, R in zip(seen, turned, strict=True)]) / NOISE.angle
 
@@ -458,6 +493,7 @@ def coverage(cell: Cell, seed: int, poses: int) -> tuple[int, int, int, int]:
     found = fit(setup.robot, data)
     truth = dict(zip(setup.errors.names, setup.x.tolist(), strict=True))
     joints = [number for number, own in enumerate(found.errors.parameters) if own.kind == "joint"]
+    joints = [number for number in joints if found.sigma[number] < DETERMINED * found.errors.sigma[number]]
     off = np.array([found.x[number] - truth[found.errors.names[number]] for number in joints])
     held = np.abs(off) < Z95 * found.sigma[joints]
     problem = Problem(found.errors, test)

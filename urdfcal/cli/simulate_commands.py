@@ -57,7 +57,7 @@ class SimulateCommand(OurCommand):
         """Write the help."""
         from urdfcal.simulation.setup import SENSOR_KINDS
 
-        *most, last = SENSOR_KINDS
+        *most, last = (kind for kind in SENSOR_KINDS if kind != "laser")
         for option in self.params:
             if (words := getattr(option, "help", None)) is not None:
                 option.help = words.replace("{sensors}", f"{', '.join(most)} or {last}")  # type: ignore[attr-defined]
@@ -128,7 +128,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             metavar="KIND:LINK[@INSTRUMENT]",
-            help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
+            help="What measures: laser (the robot's; laser:LINK@SCREEN for one on a named screen), or {sensors} of a target on LINK, "
             "several on one link as LINK:LABEL, by one of several instruments (a link, or a name in rig.yaml) as LINK@INSTRUMENT; "
             "repeatable, they are mixed. Default: the boards of --board and --rig by every camera, else laser.",
             show_default=False,
@@ -270,7 +270,8 @@ def simulate(
     corrections = {
         name: OriginCorrection(joints[name].origin, origin, joints[name].moves) for name, origin in model.corrected_origins(x).items()
     }
-    sizes = {"spot_mm": spot_noise_mm} if lasers else {}
+    spots = lasers or any(own.aimed for own in sensors)
+    sizes = {"spot_mm": spot_noise_mm} if spots else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
     sizes |= {"pixel_px": pixel_noise_px} if setup.pictured else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
@@ -279,7 +280,7 @@ def simulate(
         f"SIMULATED measurements of {arm.name}, made by urdfcal simulate; no robot has been measured.",
         f"seed {seed}, {noise} noise: {_in_words({**sizes, 'joint_deg': joint_noise_deg})}; errors: {Path(errors).name}"
         + (f"; {_in_words(bent)}" if bent else ""),
-        "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if lasers else ""),
+        "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if spots else ""),
         *again,
         *_advice(setup, (lens_file or camera) if pictured else None, rig),
     ]
@@ -351,6 +352,7 @@ def _drawn_again(poses: int, looked: int, lasers: bool, setup: SimulatedSetup) -
     if looked <= poses:
         return []
     wanted = [f"with every beam on the screen of {setup.area}"] if lasers else []
+    wanted += ["with the beams of an arm on the screen that they name"] if any(own.aimed for own in setup.sensors) else []
     wanted += [f"with {'a' if several(setup) else 'the'} board in the picture"] if setup.pictured else []
     return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
 

@@ -182,10 +182,10 @@ def _one_session(
     touches, looked = [turns[pose % len(turns)] for pose in range(poses)] if turns else [], 0
     if turns:
         q = touching(setup, session, touches, noise.draw(rng, noise.length, (poses, 3)), rng)
-    elif setup.robot.rig.lasers and not setup.pictured:
+    elif setup.robot.rig.lasers and not setup.choosy:
         drawn = drawn_in_view(setup.robot, replace(setup.errors, sessions=("",)), setup.x, poses, rng, area=setup.area)
         q, looked = drawn.q, drawn.looked
-    elif setup.pictured:
+    elif setup.choosy:
         drawn = poses_in_sight(setup, session, poses, rng)
         q, looked = drawn.q, drawn.looked
     else:
@@ -223,8 +223,10 @@ def _read(
     numbers = np.concatenate([np.empty(0), *(setup.place(place.name) for place in places)])
     axes = next((setup.errors.planes[place.name] for place in places if place.name in setup.errors.planes), np.eye(3))
     view = View(p, R, np.tile(numbers, (n, 1)), np.broadcast_to(axes, (n, 3, 3)))
-    scale = noise.of(how.words.unit)
+    scale = noise.spot if how.aimed else noise.of(how.words.unit)
     values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
+    if how.aimed:
+        values = np.where(setup.area_of(sensor.instrument).holds(values)[:, None], values, np.nan)
     if how.by_camera:
         seen = Subject(p, R, np.zeros((1, 3)), sensor.link in setup.boards).read(camera)
         values = np.where(seen, values, np.nan)

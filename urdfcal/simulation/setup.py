@@ -22,7 +22,7 @@ from urdfcal.model.slots import FRAME
 from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import SIX, Grid
 from urdfcal.robot.robot import Robot
-from urdfcal.robot.sheet import ScreenArea
+from urdfcal.robot.sheet import ScreenArea, stated_sheet
 from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.readings import Readings, blank_readings, instruments_of
 from urdfcal.sensors.registry import SENSORS
@@ -32,6 +32,7 @@ _ASKED = dict.fromkeys(word for sensor in SENSORS.values() for word in sensor.si
 SENSOR_KINDS = {word: tuple(name for name, sensor in SENSORS.items() if word in sensor.simulated) for word in _ASKED}
 _LOOKED_AT = 600  # random poses by which a camera's place is chosen
 _FRAME_FAR, _TARGET_FAR = 1.0, 0.08  # [m] how far instruments stand from what they are on, a standard deviation
+_NEAR = 10e-3, np.radians(1.0)  # [m] and [rad] how far lasers and screens are off, a standard deviation
 Pair = tuple[str, str]  # names of a target and of what it is seen from
 
 
@@ -62,6 +63,11 @@ class SimulatedSensor:
     def by_camera(self) -> bool:
         """Whether it is read in pictures."""
         return any(SENSORS[kind].by_camera for kind in SENSOR_KINDS[self.kind])
+
+    @property
+    def aimed(self) -> bool:
+        """Whether it is a laser that is aimed at a screen."""
+        return any(SENSORS[kind].aimed for kind in SENSOR_KINDS[self.kind])
 
 
 @dataclass(frozen=True)
@@ -107,6 +113,16 @@ class SimulatedSetup:
     def pictured(self) -> tuple[SimulatedSensor, ...]:
         """What cameras read."""
         return tuple(sensor for sensor in self.sensors if sensor.by_camera)
+
+    @property
+    def choosy(self) -> bool:
+        """Whether some of its sensors read at some poses alone, which have to be looked for."""
+        return any(sensor.by_camera or sensor.aimed for sensor in self.sensors)
+
+    def area_of(self, screen: str) -> ScreenArea:
+        """The sheet of an instrument that is a screen: as the URDF draws it, else as large as any."""
+        link = next(own.link for own in self.robot.rig.instruments.every if own.name == screen)
+        return stated_sheet(self.robot, link) or self.area
 
     @property
     def looking(self) -> tuple[str, ...]:
@@ -193,6 +209,9 @@ def parse_sensor(text: str, robot: Robot, places: int, stations: Stations = NONE
     if at and instrument not in (known := (*stations.links, *links)):
         way_out = f"name it in rig.yaml, instruments: {{{instrument or 'NAME'}: {{link: LINK}}}}"
         raise UsageError(f"--sensor {text}: {no_such('instrument', instrument, known)}; expected a link, or {way_out}")
+    if not at and any(SENSORS[name].aimed for name in SENSOR_KINDS[kind]):
+        way_out = f"such as {text}@screen, or laser alone for the robot's own"
+        raise UsageError(f"--sensor {text}: expected the screen that it beams onto, too, {way_out}")
     touched = places if any(SENSORS[name].touches for name in SENSOR_KINDS[kind]) else 0
     return SimulatedSensor(kind, target, link, touched, instrument)
 
@@ -258,12 +277,13 @@ def simulated_setup(
     Raises:
         UsageError: pixels are to be read without a camera, or by one that sees nothing.
     """
-    slots = []
+    slots, aimed = [], _aimed(errors, sensors)
     for slot in errors.slots:
+        near = slot.frame in aimed
         if slot.kind == "reference" and not reference_known:
-            slot = replace(slot, found={session: _somewhere(rng, _FRAME_FAR) for session in sessions})
+            slot = replace(slot, found={session: _nearby(rng) if near else _somewhere(rng, _FRAME_FAR) for session in sessions})
         elif slot.kind == "target" and not target_known:
-            placement = _somewhere(rng, _TARGET_FAR, turned=SIX[3] in slot.names)
+            placement = _nearby(rng) if near else _somewhere(rng, _TARGET_FAR, turned=SIX[3] in slot.names)
             slot = replace(slot, found=dict.fromkeys(sessions, placement))
         slots.append(slot)
     beside = [parameter.kind in INSTRUMENTS for parameter in errors.parameters]
@@ -315,6 +335,18 @@ def _somewhere(rng: np.random.Generator, far: float, turned: bool = True) -> SE3
     quaternion = rng.normal(0, 1, 4)
     rotation = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).toRotationMatrix() if turned else np.eye(3)
     return pin.SE3(rotation, rng.normal(0, far, 3))
+
+
+def _aimed(errors: ErrorModel, sensors: Sequence[SimulatedSensor]) -> set[int]:
+    """The chain's frames of lasers that are aimed at screens, and of these."""
+    chain = errors.chain
+    lasers = [sensor for sensor in sensors if sensor.aimed]
+    return {frame for own in lasers for frame in (chain.frame_index("target", own.target), chain.seen_from(own.instrument))}
+
+
+def _nearby(rng: np.random.Generator) -> SE3:
+    """A placement about where the URDF has it."""
+    return pin.exp6(np.concatenate([rng.normal(0, _NEAR[0], 3), rng.normal(0, _NEAR[1], 3)]))
 
 
 def _with_places(setup: SimulatedSetup, rng: np.random.Generator) -> SimulatedSetup:
