@@ -112,7 +112,7 @@ def test_beams_and_board_are_both_in_view(robots: dict[str, Robot], rng: np.rand
 
 def test_a_camera_that_sees_nothing_is_refused(robots: dict[str, Robot], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     """From a known place that looks away; where no place would do; and without a camera."""
-    monkeypatch.setattr("urdfcal.simulation.readings._MOST_PICTURES", 3000)
+    monkeypatch.setattr("urdfcal.simulation.sights._MOST_PICTURES", 3000)
     setup = setup_of(robots["ur5"], "tool0", rng, known=True)
     away = replace(setup, camera=replace(CAMERA, matrix=CAMERA.matrix * np.array([[500.0], [500], [1]])))
     with pytest.raises(UsageError, match=r"the camera sees its target in \d+ of \d+ random poses, 5 were asked for"):

@@ -209,6 +209,10 @@ class RigFile(_Strict):
         """Links that are boards."""
         return {link: parse_grid(text) for link, text in self.boards.items()}
 
+    def cameras(self) -> list[Path]:
+        """The files of its instruments' cameras."""
+        return [Path(entry.camera) for entry in self.instruments.values() if entry.camera]
+
     def lengths(self) -> list[tuple[str, float]]:
         """Known distances between sockets: pattern and length, [m]."""
         return [(pattern, length * MM) for pattern, length in self.sockets.distances_mm.items()]

@@ -294,7 +294,7 @@ def fit(
     outputs = planned(chosen(output_format), output, unmeasured.description.stem, ur_hash_from, report or (), compensation)
     wanted = with_sources(outputs.plan, split=split, folder=xacro_folder, in_place=in_place, overwrite=overwrite)
     outputs = replace(outputs, plan=wanted)
-    inputs = (robot, measurements, rig, test, ur_hash_from, camera, after, prior_from)
+    inputs = (robot, measurements, rig, test, ur_hash_from, camera, after, prior_from, *rig_file.cameras())
     require_places(*outputs.places.values(), inputs=inputs)
     if compensation is not None and not sag:
         raise UsageError("--compensation writes the sag that --no-sag leaves out; use one of the two")

@@ -444,7 +444,7 @@ def sensor_noise(data: Measurements, rig: RigFile, spot_mm: float | None) -> dic
     """
     from urdfcal.sensors.stated_noise import states_all
 
-    if spot_mm is not None and not data.seen.any():
+    if spot_mm is not None and "spot" not in data.kinds:
         raise UsageError("--spot-sigma-mm: no laser spots are measured in mm; state other noise in rig.yaml (noise: {point_mm: 0.1})")
     stated = rig.noise.by_kind()
     if spot_mm is not None:

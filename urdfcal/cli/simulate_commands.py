@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +20,7 @@ from urdfcal.cli.inputs import (
     require_boards,
     rig_file_of,
     stated_area,
+    stations_of,
     with_board,
 )
 from urdfcal.cli.options import (
@@ -55,6 +57,7 @@ if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile
     from urdfcal.cli.simulated_files import Simulator
     from urdfcal.robot.robot import Robot
+    from urdfcal.sensors.columns import Stations
 
 _MOST_POSES, _MOST_PLACES, _MOST_ROBOTS = 100_000, 1000, 10_000  # more take all memory, and nobody measures so many
 
@@ -66,7 +69,7 @@ class SimulateCommand(OurCommand):
         """Write the help."""
         from urdfcal.simulation.setup import SENSOR_KINDS
 
-        *most, last = SENSOR_KINDS
+        *most, last = (kind for kind in SENSOR_KINDS if kind != "laser")
         for option in self.params:
             if (words := getattr(option, "help", None)) is not None:
                 option.help = words.replace("{sensors}", f"{', '.join(most)} or {last}")  # type: ignore[attr-defined]
@@ -146,9 +149,10 @@ def simulate(
     sensor: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KIND:LINK",
-            help="What measures: laser (the robot's lasers), or {sensors} of a target on LINK, "
-            "several on one link as LINK:LABEL; repeatable, they are mixed. Default: the boards of --board and --rig, else laser.",
+            metavar="KIND:LINK[@INSTRUMENT]",
+            help="What measures: laser (the robot's; laser:LINK@SCREEN for one on a named screen), or {sensors} of a target on LINK, "
+            "several on one link as LINK:LABEL, by one of several instruments (a link, or a name in rig.yaml) as LINK@INSTRUMENT; "
+            "repeatable, they are mixed. Default: the boards of --board and --rig by every camera, else laser.",
             show_default=False,
         ),
     ] = None,
@@ -227,25 +231,25 @@ def simulate(
     rig_file = with_board(rig_file_of(rig, reference_known, target_known), board)
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     require_boards(arm, rig_file)
-    boards = rig_file.grids()
-    sensors, lasers = parse_sensors(sensor or [f"pixels:{link}" for link in boards] or ["laser"], arm, places, boards)
-    pictured = any(own.by_camera for own in sensors)
+    boards, stations = rig_file.grids(), stations_of(arm, rig_file)
+    sensors, lasers = parse_sensors(sensor or _boards_seen(boards, stations) or ["laser"], arm, places, boards, stations)
+    pictured = any(own.by_camera and own.instrument not in stations.cameras for own in sensors)
     _require_use_of(camera, pictured, output)
-    inputs = (robot, rig, camera, None if "," in errors else Path(errors))
+    inputs = (robot, rig, camera, *rig_file.cameras(), None if "," in errors else Path(errors))
     place = _folder_place(output) if robots is not None else _files_place(arm, output, pictured and camera is None, inputs, overwrite)
     read_with = reading_noise(spot_noise_mm, joint_noise_deg, noise.value, target_noise_mm, orientation_noise_deg, pixel_noise_px)
     soft = sag_scales(sag_mrad, sag_across_mrad, eccentricity_mrad, gravity, payload or ())
     lens = _usual_lens() if pictured and camera is None else camera_of(camera)
     if sensors:
-        arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards)
+        arm = seen_with(arm, sensors, reference or rig_file.reference or "", lasers, boards, stations)
     area = stated_area(screen_size_m) or screen_area(arm)
     say(verbose, about(arm))
     require_room(arm)
     held = without_room(arm)
     warn([f"{held}, so they stand still in all poses"] if held else [], quiet)
-    sizes = {"spot_mm": spot_noise_mm} if lasers else {}
+    sizes = {"spot_mm": spot_noise_mm} if lasers or any(own.aimed for own in sensors) else {}
     sizes |= {"target_mm": target_noise_mm, "orientation_deg": orientation_noise_deg} if sensors else {}
-    sizes |= {"pixel_px": pixel_noise_px} if pictured else {}
+    sizes |= {"pixel_px": pixel_noise_px} if any(own.by_camera for own in sensors) else {}
     bent = {"sag_mrad": sag_mrad, "sag-across_mrad": sag_across_mrad, "eccentricity_mrad": eccentricity_mrad} if soft else {}
     simulator = Simulator(
         arm,
@@ -256,6 +260,7 @@ def simulate(
         lasers,
         area,
         rig_file,
+        stations,
         lens=lens,
         soft=soft,
         sizes={**sizes, "joint_deg": joint_noise_deg},
@@ -340,6 +345,11 @@ def _fleet(simulator: Simulator, folder: Path, seeds: range, rig: RigFile, bends
     told = f"wrote {folder}: {many(len(seeds), 'simulated robot')} of {many(poses, 'pose')} each"
     following = f"next: urdfcal fleet {quote(str(manifest))} -o {quote(f'{folder}_fitted')}"
     finish(machine if as_json else None, f"{told}\n{following}", quiet)
+
+
+def _boards_seen(boards: Iterable[str], stations: Stations) -> list[str]:
+    """The sensors that read all boards, by every camera that is named."""
+    return [f"pixels:{link}{at}" for at in [f"@{name}" for name in stations.cameras] or [""] for link in boards]
 
 
 def _usual_lens() -> Any:

@@ -19,9 +19,11 @@ from urdfcal.output.calibration_yaml import truth_yaml
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.sheet import ScreenArea
+from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.measurements_csv import measurements_csv
 from urdfcal.simulation.readings import ReadingNoise
 from urdfcal.simulation.setup import SimulatedSensor, SimulatedSetup
+from urdfcal.simulation.sights import several
 from urdfcal.simulation.simulated import simulated_by
 from urdfcal.simulation.truth import SagScales, sag_bytes, soft_truth, truth_of
 
@@ -60,7 +62,8 @@ class Simulator:
         lasers: Whether lasers do.
         area: The screen.
         rig: What is known of both ends, and boards.
-        lens: What pixels are read with.
+        stations: Instruments that have names, and their cameras.
+        lens: What pixels of an instrument without a camera of its own are read with.
         soft: How joints give way.
         sizes: Noises by name, for people.
         bent: How soft it is by name, for people.
@@ -75,6 +78,7 @@ class Simulator:
     lasers: bool
     area: ScreenArea
     rig: RigFile
+    stations: Stations = NONE
     lens: Any = None
     soft: SagScales = field(default_factory=SagScales)
     sizes: Mapping[str, float] = field(default_factory=dict)
@@ -100,18 +104,23 @@ class Simulator:
             target_known=self.rig.target_known,
             camera=self.lens,
             boards=self.rig.grids(),
+            stations=self.stations,
         )
         again = _drawn_again(len(found.data), found.looked, self.lasers, setup)
         comments = [*self._comments(seed), *again, *_advice(setup, camera, rig)]
         truth = self._truth(setup, seed)
         return MadeFiles(measurements_csv(found.data, comments), truth, setup, len(found.data), found.looked or len(found.data), again)
 
+    @property
+    def _spots(self) -> bool:
+        return self.lasers or any(own.aimed for own in self.sensors)
+
     def _comments(self, seed: int) -> list[str]:
         bent = f"; {_in_words(self.bent)}" if self.bent else ""
         return [
             f"SIMULATED measurements of {self.arm.name}, made by urdfcal simulate; no robot has been measured.",
             f"seed {seed}, {self.distribution} noise: {_in_words(self.sizes)}; errors: {Path(self.errors).name}{bent}",
-            "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if self.lasers else ""),
+            "joints in rad (m where they slide), lengths in m" + (", spots (y, z) on the screen" if self._spots else ""),
         ]
 
     def _truth(self, setup: SimulatedSetup, seed: int) -> bytes:
@@ -140,19 +149,21 @@ def _drawn_again(poses: int, looked: int, lasers: bool, setup: SimulatedSetup) -
     if looked <= poses:
         return []
     wanted = [f"with every beam on the screen of {setup.area}"] if lasers else []
-    wanted += ["with the board in the picture"] if setup.pictured else []
+    wanted += ["with the beams of an arm on the screen that they name"] if any(own.aimed for own in setup.sensors) else []
+    wanted += [f"with {'a' if several(setup) else 'the'} board in the picture"] if setup.pictured else []
     return [f"{looked - poses} of {looked} random poses were drawn again, for {poses} {' and '.join(wanted)}"]
 
 
 def _advice(setup: SimulatedSetup, camera: Path | None, rig: Path | None) -> list[str]:
     """What a fit has to be told beyond the file: the reference link, the camera, boards, a length where only touches were made."""
     instruments, lines = setup.robot.rig.instruments, []
-    if instruments.placed:
+    if any(own.placed for own in instruments.every):
         kinds = {slot.kind for slot in setup.errors.slots if slot.found}
         known = "".join(f" --{kind}-known" for kind in ("reference", "target") if kind not in kinds)
-        by = f" --camera {camera}" if setup.pictured else ""
-        by += f" --rig {rig}" if rig else ""
-        lines.append(f"measured from {instruments.reference}: urdfcal fit ... --reference {instruments.reference}{known}{by}")
+        by = "" if instruments.name else f" --reference {instruments.reference}"
+        by += known + (f" --camera {camera}" if camera is not None else "") + (f" --rig {rig}" if rig else "")
+        frames = " and ".join(own.name or instruments.reference for own in instruments.every)
+        lines.append(f"measured from {frames}: urdfcal fit ...{by}")
     if setup.boards and setup.pictured:
         entries = ", ".join(f"{link}: '{grid}'" for link, grid in setup.boards.items())
         lines.append(f"for a rig.yaml: boards: {{{entries}}}")

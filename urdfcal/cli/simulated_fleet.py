@@ -48,6 +48,7 @@ class SimulatedFleet:
             poses = made.poses
             advance()
         beside = {self._description: self.simulator.arm.description.text, RIG: rig, CAMERA: self.lens, MANIFEST: self._manifest(names, rig)}
+        beside |= {file: Path(self.rig.instruments[name].camera).read_bytes() for name, file in self._lenses.items()}
         for file, content in beside.items():
             if content:
                 (folder / file).write_bytes(content)
@@ -60,10 +61,18 @@ class SimulatedFleet:
     def _rig(self) -> bytes:
         """What a fit has to be told, as its rig.yaml; empty where that is nothing."""
         instruments = self.simulator.arm.rig.instruments
-        told = self.rig.model_copy(update={"reference": instruments.reference if instruments.placed else self.rig.reference})
+        named = {name: entry.model_copy(update={"camera": self._lenses.get(name, "")}) for name, entry in self.rig.instruments.items()}
+        reference = instruments.reference if instruments.placed and not instruments.name else self.rig.reference
+        told = self.rig.model_copy(update={"reference": reference, "instruments": named})
         entries = told.model_dump(mode="json", exclude_defaults=True)
         head = "# for every robot of this folder, written by urdfcal simulate\n"
         return (head + yaml.safe_dump(entries, sort_keys=False, allow_unicode=True)).encode() if entries else b""
+
+    @property
+    def _lenses(self) -> dict[str, str]:
+        """Files of the folder for the cameras of the rig's instruments, by instrument."""
+        sighted = [name for name, entry in self.rig.instruments.items() if entry.camera]
+        return {name: f"camera_{number}.yaml" for number, name in enumerate(sighted, 1)}
 
     def _manifest(self, names: Iterable[str], rig: bytes) -> bytes:
         options = [*(("--rig", RIG) if rig else ()), *(("--camera", CAMERA) if self.lens else ()), *self.bends]

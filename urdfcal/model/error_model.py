@@ -370,7 +370,7 @@ def parameters_of(slots: Iterable[Slot], priors: Mapping[Kind, PriorScale]) -> l
     """Every parameter of some slots, joints first, then mount, screen and beams."""
     order: dict[Kind, int] = {"joint": 0, "mount": 1, "target": 1, "screen": 2, "reference": 2, "beam": 3}
     return [
-        Parameter(f"{slot.label}.{name}", unit, slot.kind, 0.0, priors[slot.kind].sigma(unit, f"{slot.label}.{name}"))
+        Parameter(f"{slot.label}.{name}", unit, slot.kind, 0.0, priors[slot.like or slot.kind].sigma(unit, f"{slot.label}.{name}"))
         for slot in sorted(slots, key=lambda slot: order[slot.kind])
         for name, unit in zip(slot.names, slot.units(), strict=True)
     ]

@@ -20,6 +20,7 @@ from urdfcal.robot.urdf_tree import UrdfJoint
 
 MODELS = ("auto", "dh", "hayati", "placement", "offset")
 PAPER_MOUNT = ("trans_x", "trans_z", "rot_x", "rot_y", "rot_z")
+FRAME = ":frame"  # behind the name of a measuring frame that something else already has
 _COINCIDENT = 1e-6  # [m] distance between parallel axes below which they are one line
 _SLIDE = ("rot_1", "rot_2")
 BEAMS = ("rot_x", "rot_y")
@@ -32,7 +33,7 @@ class Slot:
 
     Attributes:
         label: First half of the parameters' names: joint, module, screen or laser link.
-        kind: What sort of placement it is; decides the prior.
+        kind: What sort of placement it is.
         names: Second halves, in the order of the product.
         screws: (6, k) in the slot's own frame.
         joints: URDF joint next to it; of a module that has no fixed joint of its own, the first joint of every laser alike; none for an
@@ -43,6 +44,7 @@ class Slot:
         frame: Index of the chain's frame that it ends the way to; such a slot is an instrument's, and goes into no URDF.
         also: Further frames that it ends the way to: all the corners of a board share one placement.
         found: Where the frame was found to stand before any fit, by session: the slot's own placement, ahead of its screws.
+        like: What sort its prior is that of; its own where nothing is said.
     """
 
     label: str
@@ -56,6 +58,7 @@ class Slot:
     frame: int | None = None
     also: tuple[int, ...] = ()
     found: Mapping[str, SE3] = field(default_factory=dict)
+    like: Kind | None = None
 
     @cached_property
     def motions(self) -> tuple[Any, ...]:
@@ -117,8 +120,17 @@ def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
     """The placement of every measuring frame, and the offset of every target on its link."""
     seen = rig.instruments
     taken = {step.joint.name for step in chain.moving} | ({rig.base} if rig.lasers else set())  # by joints and the screen
+    taken |= {target.placed_by for target in seen.targets}  # a hand may see, and be seen
     slots = [
-        Slot(f"{own.name}:frame" if own.name in taken else own.name, "reference", SIX, six_screws(), (), frame=index)
+        Slot(
+            f"{own.name}{FRAME}" if own.name in taken else own.name,
+            "reference",
+            SIX,
+            six_screws(),
+            (),
+            frame=index,
+            like="screen" if own.aimed else None,
+        )
         for index, own in enumerate(seen.every)
         if own.placed
     ]
@@ -130,7 +142,8 @@ def _frame_slots(chain: Chain, rig: Rig) -> list[Slot]:
         target = seen.targets[first - first_target]
         names = SIX if target.board else target.offset
         screws = six_screws()[:, [SIX.index(name) for name in names]]
-        slots.append(Slot(label, "target", names, screws, (), frame=first, also=tuple(others)))
+        like: Kind | None = "mount" if target.aimed else None
+        slots.append(Slot(label, "target", names, screws, (), frame=first, also=tuple(others), like=like))
     return slots
 
 

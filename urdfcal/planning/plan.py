@@ -211,7 +211,7 @@ def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | in
 def _read(errors: ErrorModel, x: Vector, q: Matrix, sensors: Sequence[SimulatedSensor], area: ScreenArea) -> Measurements:
     """What the sensors would read at some poses without noise."""
     n, lasers = len(q), errors.chain.laser_names
-    targets = [blank_readings(kind, own.target, own.link, n) for own in sensors for kind in SENSOR_KINDS[own.kind]]
+    targets = [blank_readings(kind, own.target, own.link, n, own.instrument) for own in sensors for kind in SENSOR_KINDS[own.kind]]
     blank = Measurements(
         joints=errors.chain.input_names,
         q=q,

@@ -33,6 +33,7 @@ class Target:
         offset: Which numbers of its offset on the link matter, of SIX: of a point its translation.
         board: Name of the board that it is a corner of, and whose six numbers place it; the empty string for none.
         at: Where it is on that board, [m].
+        aimed: Whether it is a laser that is aimed at a screen, and stands about where the URDF has it.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Target:
     offset: tuple[str, ...] = SIX[:3]
     board: str = ""
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    aimed: bool = False
 
     @property
     def placed_by(self) -> str:
@@ -116,11 +118,13 @@ class Instrument:
         name: First half of the names of the parameters that place it.
         link: Link that it stands on; the empty string for the default: `tracker`, or the root.
         placed: Whether readings are in its frame, so that its placement matters.
+        aimed: Whether it is a screen that lasers are aimed at, and stands about where the URDF has it.
     """
 
     name: str
     link: str
     placed: bool
+    aimed: bool = False
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ class Instruments:
         camera_sigma: Standard deviations of the six errors of the screen's place in front of a camera that reads laser spots as pixels,
             [m] and [rad]; empty without such a camera.
         name: Of the first instrument, where it has one beside the link's.
+        aimed: Whether that is a screen that lasers are aimed at.
         others: Further instruments.
         pairs: Which target is seen from which instrument, by their numbers; all from the first where there are no others.
     """
@@ -145,13 +150,14 @@ class Instruments:
     places: tuple[Place, ...] = ()
     camera_sigma: tuple[float, ...] = ()
     name: str = ""
+    aimed: bool = False
     others: tuple[Instrument, ...] = ()
     pairs: tuple[tuple[int, int], ...] = ()
 
     @property
     def every(self) -> tuple[Instrument, ...]:
         """All instruments, first the one that stands on the reference link."""
-        return (Instrument(self.name or self.reference, self.reference, self.placed), *self.others)
+        return (Instrument(self.name or self.reference, self.reference, self.placed, self.aimed), *self.others)
 
     @property
     def needed(self) -> bool:
@@ -228,7 +234,8 @@ def _laser_rig(tree: UrdfTree, screen: str | None, lasers: Sequence[str] | None)
     carriers = {laser: tree.moving_link(laser) for laser in laser_links}
     if len(set(carriers.values())) > 1:
         where = ", ".join(f"{laser} on {carrier}" for laser, carrier in carriers.items())
-        raise RigError(f"all lasers must sit on one moving link, found {where}; choose with --laser", tree.label)
+        way_out = f"choose with --laser, or name the screen of each in its columns, {laser_links[0]}@{screen_link}.y"
+        raise RigError(f"all lasers must sit on one moving link, found {where}; {way_out}", tree.label)
     carrier = carriers[laser_links[0]]
     if tree.moving_link(screen_link) == carrier:
         raise RigError(f"no moving joint between the screen '{screen_link}' and the laser '{laser_links[0]}'", tree.label)

@@ -36,16 +36,16 @@ class ScreenArea:
         return np.asarray((np.abs(spots - np.array(self.centre)) <= np.array(self.size) / 2 + margin).all(axis=-1))
 
 
-def stated_sheet(robot: Robot) -> ScreenArea | None:
-    """The sheet of the robot's screen; None where its link has no flat box in that plane, or there is no screen.
+def stated_sheet(robot: Robot, screen: str = "") -> ScreenArea | None:
+    """The sheet of a screen, by default the robot's; None where its link has no flat box in that plane, or there is no screen.
 
     Raises:
         RigError: the robot's rig is not in the URDF.
     """
-    if not robot.rig.lasers:
+    if not screen and not robot.rig.lasers:
         return None
     root = read_xml(robot.description.text)
-    links = [link for link in root.findall("link") if link.get("name") == robot.rig.base]
+    links = [link for link in root.findall("link") if link.get("name") == (screen or robot.rig.base)]
     drawn = [element for link in links for tag in ("visual", "collision") for element in link.findall(tag)]
     sheets = [sheet for element in drawn if (sheet := _sheet(element)) is not None]
     return max(sheets, key=lambda sheet: float(np.prod(sheet.size)), default=None)

@@ -19,8 +19,9 @@ from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import Sensor
 from urdfcal.sensors.targets import QUATERNION
 
-_OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.beam for ending in sensor.endings}
+_OF_TARGETS = {ending: sensor.name for sensor in SENSORS.values() if not sensor.beam and not sensor.aimed for ending in sensor.endings}
 _OF_LASERS = {ending: sensor.name for sensor in SENSORS.values() if sensor.beam for ending in sensor.endings}
+_OF_AIMED = _OF_LASERS | {ending: sensor.name for sensor in SENSORS.values() if sensor.aimed for ending in sensor.endings}
 _OF_NOISE = {sensor.sigma_ending for sensor in SENSORS.values() if sensor.sigma_ending}
 _OF_PICTURES = ("u", "v", "sigma_px")
 _LIKE_READING = re.compile(r"(.+)[._/ -](x|qx|roll)(_[a-z]+)?", re.IGNORECASE)
@@ -134,7 +135,7 @@ def _laser_candidates(table: Table, robot: Robot) -> tuple[str, ...]:
 
 def _refuse(table: Table, robot: Robot, columns: Sequence[ReadingColumn], in_pictures: Sequence[ReadingColumn], stations: Stations) -> None:
     """Refuse columns that cannot be taken as they are; where nothing at all is measured, say what comes nearest to it."""
-    fault = refusal(columns, table.units) or _strange_instrument([*columns, *in_pictures], robot, stations)
+    fault = refusal(columns, table.units) or _strange_instrument([*columns, *in_pictures], robot, stations) or _half_named(columns, robot)
     named = next((column for column in in_pictures if column.instrument and column.sensor), None)
     if fault is None and named is not None:
         entry = f"instruments: {{{named.instrument}: {{camera: CAMERA.yaml}}}}"
@@ -155,9 +156,19 @@ def _strange_instrument(columns: Sequence[ReadingColumn], robot: Robot, stations
             way_out = f"name it in rig.yaml, instruments: {{{column.instrument or 'NAME'}: {{link: LINK}}}}"
             return column.name, f"{no_such('instrument', column.instrument, known)}; expected a link, or {way_out}"
         if column.sensor and column.kind.beam:
-            target = column.target
-            return column.name, f"spots of lasers are seen on the screen (--screen LINK), and on no other instrument; write '{target}.y'"
+            way_out = f"write '{column.target}.{column.ending}', with --screen LINK"
+            return column.name, f"a camera reads spots on the screen in front of it alone; {way_out}"
     return None
+
+
+def _half_named(columns: Sequence[ReadingColumn], robot: Robot) -> tuple[str, str] | None:
+    """The first column of a laser that names no screen where others do: it would have two mounts, or be one of several modules."""
+    read = [column for column in columns if column.sensor]
+    plain = next((column for column in read if column.kind.beam), None)
+    if plain is None or not any(column.kind.aimed for column in read):
+        return None
+    screen = robot.screen or "screen"
+    return plain.name, f"other spots name the screen that they are on; name it here, too: '{plain.target}@{screen}.{plain.ending}'"
 
 
 def _as_seen(
@@ -240,12 +251,13 @@ def _unused(table: Table, robot: Robot, meant: Collection[str]) -> Iterator[str]
 
 def reading_columns(names: Iterable[str], robot: Robot, lasers: Sequence[str]) -> tuple[ReadingColumn, ...]:
     """The columns that mean a target on a link of this robot, or the spots of one of these lasers."""
-    found = []
-    for name in names:
+    found, every = [], tuple(names)
+    for name in every:
         label, dot, ending = name.rpartition(".")
         target, _, instrument = label.partition("@")
         link = target if target in robot.tree.links else target.rpartition(":")[0]
-        known = _OF_LASERS if target in lasers else _OF_TARGETS
+        of_laser = target in lasers and not (instrument and f"{label}.x" in every)
+        known = _OF_TARGETS if not of_laser else _OF_AIMED if instrument else _OF_LASERS
         if dot and link in robot.tree.links and (ending in known or ending in _OF_NOISE):
             found.append(ReadingColumn(name, target, link, ending, known.get(ending, ""), instrument))
     read = {column.label for column in found if column.sensor}

@@ -148,7 +148,8 @@ def instruments_of(
     names = list(dict.fromkeys(reading.instrument for reading in beside))
     names.sort(key=bool)  # what is seen from the reference link comes first
     links, numbers = stations or {}, {target: number for number, target in enumerate(targets)}
-    first, *others = [Instrument(name, links.get(name, name), _placed(beside, name)) for name in names] or [Instrument("", "", False)]
+    every = [Instrument(name, links.get(name, name), _placed(beside, name), _aimed(beside, name)) for name in names]
+    first, *others = every or [Instrument("", "", False)]
     pairs = dict.fromkeys((numbers[reading.target], names.index(reading.instrument)) for reading in beside)
     before_screen = any(place.kind == "camera" for reading in readings for place in reading.kind.places(reading.target, reading.touched))
     return Instruments(
@@ -158,6 +159,7 @@ def instruments_of(
         tuple(places.values()),
         _camera_sigma(camera) if before_screen else (),
         name=first.name,
+        aimed=first.aimed,
         others=tuple(others),
         pairs=tuple(pairs) if others else (),
     )
@@ -166,6 +168,11 @@ def instruments_of(
 def _placed(readings: Sequence[Readings], instrument: str) -> bool:
     """Whether any readings are in the frame of an instrument."""
     return any(reading.kind.seen_from == "frame" for reading in readings if reading.instrument == instrument)
+
+
+def _aimed(readings: Sequence[Readings], instrument: str) -> bool:
+    """Whether any lasers are aimed at an instrument."""
+    return any(reading.kind.aimed for reading in readings if reading.instrument == instrument)
 
 
 def _require_one_frame(readings: Sequence[Readings]) -> None:
@@ -187,11 +194,14 @@ def _require_one_frame(readings: Sequence[Readings]) -> None:
 
 def _target(readings: Readings, offset: Collection[str], board: Grid | None) -> Target:
     if board is None:
-        return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset))
+        return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset), aimed=readings.kind.aimed)
     label = readings.target.partition(":")[2]
+    if label and not label.isdecimal() and not readings.kind.by_camera:  # a reflector beside the corners
+        return Target(readings.target, readings.link, tuple(name for name in SIX if name in offset))
     if not label.isdecimal() or int(label) >= board.corners:
         raise UsageError(
             f"{readings.target}: the board {readings.link} has the corners {readings.link}:0 to {readings.link}:{board.corners - 1}"
+            + ("" if readings.kind.by_camera else f"; give something else on its link a label, such as {readings.link}:reflector")
         )
     return Target(readings.target, readings.link, SIX[:3], readings.link, board.at(int(label)))
 

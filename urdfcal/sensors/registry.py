@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from urdfcal.sensors.inclinometer import InclinometerSensor
 from urdfcal.sensors.pixels import PixelSensor
 from urdfcal.sensors.sensor import Sensor, Words
-from urdfcal.sensors.spots import SpotPixelSensor, SpotSensor
+from urdfcal.sensors.spots import AimedSpotSensor, SpotPixelSensor, SpotSensor
 from urdfcal.sensors.targets import DistanceSensor, OrientationSensor, PlaneSensor, PointSensor, SocketSensor
 
 SENSORS: Mapping[str, Sensor] = {
@@ -22,6 +22,7 @@ SENSORS: Mapping[str, Sensor] = {
         PixelSensor(),
         SpotPixelSensor(),
         InclinometerSensor(),
+        AimedSpotSensor(),
     )
 }
 WORDS: Mapping[str, Words] = {sensor.noise: sensor.words for sensor in SENSORS.values()}

@@ -191,6 +191,8 @@ class Sensor:
         beam: Whether the target is a laser: it leaves its frame's origin along +z.
         on_screen: Whether readings are points of the screen in metres, so that beams can be turned towards them, and what two lasers
             read be exchanged.
+        aimed: Whether its target is a laser that is aimed at the instrument that it names, a screen: both stand about where the URDF has
+            them, since nothing tells from nothing where they are.
         by_camera: Whether readings are pixels of a camera.
         in_pairs: Whether a touch says nothing without another one of the same place.
         others: What readings at the same poses that tell where one ought to be are called.
@@ -218,6 +220,7 @@ class Sensor:
     anywhere: ClassVar[bool] = False
     beam: ClassVar[bool] = False
     on_screen: ClassVar[bool] = False
+    aimed: ClassVar[bool] = False
     by_camera: ClassVar[bool] = False
     in_pairs: ClassVar[bool] = False
     others: ClassVar[str] = "the other readings"

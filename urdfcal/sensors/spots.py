@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pinocchio as pin
@@ -49,6 +49,7 @@ _ON_SCREEN = {
     "the spots turned by -90 deg": [[0, 1], [-1, 0]],
     "y and z of the spots swapped and mirrored": [[0, -1], [-1, 0]],
 }
+LEAST_LENGTH = 0.1  # [m] of beams that are simulated: nearer to the screen the nominal robot's module may already stand behind it
 LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 
 
@@ -188,7 +189,7 @@ class SpotSensor(Sensor):
     stored = numbers = 2
     components = "yz"
     drawn = "measured spots"
-    seen_from = "screen"
+    seen_from: ClassVar[Literal["screen", "frame", "places"]] = "screen"
     beam = on_screen = True
     others = "the other spots"
     endings: ClassVar[Mapping[str, Quantity]] = {"y": "length", "z": "length"}
@@ -235,6 +236,27 @@ class SpotSensor(Sensor):
         """See the base class: a screen that is bowed, what saw the spots on it, and its scale."""
         spots = _beams_seen(view)[0]
         return (_bow(view, spots), bent_by_a_lens(spots, _LENS, "1/m^2"), wrong_scale(spots))
+
+
+class AimedSpotSensor(SpotSensor):
+    """A laser's spot on the screen that it names, h = (y, z) there: lasers of several arms, on any screens, each a pair of its own."""
+
+    name = "aimed_spot"
+    beam = on_screen = False
+    aimed = True
+    seen_from = "frame"
+    offset = ("trans_x", "trans_y", "rot_x", "rot_y")  # a beam may be shifted along itself, and turned about itself
+    simulated = ("laser",)
+    line = "beam"
+
+    def read(self, view: View) -> Matrix:
+        """See the base class; nan where the beam makes no spot."""
+        beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
+        return np.where(beams.makes_spot(nearest=LEAST_LENGTH), beams.spots[:, 0], np.nan)
+
+    def looks_from(self, view: View) -> Matrix:
+        """The laser."""
+        return view.p
 
 
 def _bow(view: View, spots: Matrix) -> Disturbance:

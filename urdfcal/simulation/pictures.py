@@ -78,13 +78,8 @@ class Subject:
         return np.asarray(np.sum(self.R[:, :, 2] * towards, axis=1) > _LEAST_FACING * np.linalg.norm(towards, axis=1))
 
 
-def any_in_view(subjects: Sequence[Subject], camera: Camera) -> Mask:
-    """At which poses the camera sees one of them, (n,)."""
-    return np.asarray(np.any([subject.in_view(camera) for subject in subjects], axis=0))
-
-
 def camera_place(camera: Camera, subjects: Sequence[Subject], rng: np.random.Generator) -> SE3:
-    """Where a camera stands that sees one of its subjects at as many poses as can be: before it in one of them, here or farther off.
+    """Where a camera stands that sees each of its subjects at as many poses as can be: before it in one of them, here or farther off.
 
     Raises:
         UsageError: from everywhere it sees them too rarely.
@@ -97,11 +92,12 @@ def camera_place(camera: Camera, subjects: Sequence[Subject], rng: np.random.Gen
         back = -subject.R[pose, :, 2] if subject.board else rng.normal(0, 1, 3)
         back = back / np.linalg.norm(back) + 0.3 * rng.normal(0, 1, 3)
         places.append(_looking(subject.middle[pose], back, fills[index] * rng.uniform(1, _FARTHEST), rng))
-    shares = [float(any_in_view([own.outline.seen_from(place) for own in subjects], camera).mean()) for place in places]
-    best = int(np.argmax(shares))
-    if shares[best] < _RARE:
+    seen = np.array([[own.outline.seen_from(place).in_view(camera) for own in subjects] for place in places])
+    each, some = seen.mean(axis=2).min(axis=1), seen.any(axis=1).mean(axis=1)  # all of its subjects, if there is such a place
+    best = int(np.argmax(each)) if each.max() >= _RARE else int(np.argmax(some))
+    if some[best] < _RARE:
         raise UsageError(
-            f"the camera sees its target at {shares[best]:.1%} of random poses at most, wherever it stands; "
+            f"the camera sees its target at {some[best]:.1%} of random poses at most, wherever it stands; "
             "check that its lens is that of CAMERA.yaml, and that board and camera are on different links"
         )
     return places[best]

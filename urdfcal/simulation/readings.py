@@ -12,11 +12,11 @@ from typing import Literal
 import numpy as np
 
 from urdfcal.base.errors import UsageError
-from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
-from urdfcal.calibration.reach import draw_where, drawn_in_view, on_screen
+from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
+from urdfcal.calibration.reach import drawn_in_view
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK
-from urdfcal.robot.configurations import joint_limits, random_positions, require_room
+from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.measurements import Measurements, spot_readings, spots_measured
@@ -24,11 +24,11 @@ from urdfcal.sensors.readings import Readings
 from urdfcal.sensors.registry import SENSORS
 from urdfcal.sensors.sensor import View
 from urdfcal.sensors.spots import Beams, beams_at, beams_in
-from urdfcal.simulation.pictures import Subject, any_in_view
+from urdfcal.simulation.pictures import Subject
 from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, SimulatedSetup
+from urdfcal.simulation.sights import poses_in_sight
 from urdfcal.simulation.touching import Touch, touching, turns_of
 
-_MOST_PICTURES = 200_000
 Distribution = Literal["gaussian", "uniform"]
 
 
@@ -158,6 +158,7 @@ def simulated_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generat
     q, spots = np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
     readings = [_joined([part[2][index] for part in parts]) for index in range(len(parts[0][2]))]
     readings = [each for each in readings if each.seen.any() or not each.kind.by_camera]  # corners that no picture shows get no column
+    named = {sensor.instrument for sensor in setup.sensors}
     data = Measurements(
         joints=setup.robot.chain.input_names,
         q=noise.positions(setup.robot, q, rng),
@@ -168,6 +169,8 @@ def simulated_readings(setup: SimulatedSetup, poses: int, rng: np.random.Generat
         reference=setup.robot.instruments.reference,
         camera=setup.camera,
         boards=setup.boards,
+        stations={name: link for name, link in setup.stations.links.items() if name in named},
+        cameras={name: camera for name, camera in setup.stations.cameras.items() if name in named},
     )
     return Simulated(data, sum(part[3] for part in parts))
 
@@ -179,38 +182,21 @@ def _one_session(
     touches, looked = [turns[pose % len(turns)] for pose in range(poses)] if turns else [], 0
     if turns:
         q = touching(setup, session, touches, noise.draw(rng, noise.length, (poses, 3)), rng)
-    elif setup.robot.rig.lasers and not setup.pictured:
+    elif setup.robot.rig.lasers and not setup.choosy:
         drawn = drawn_in_view(setup.robot, replace(setup.errors, sessions=("",)), setup.x, poses, rng, area=setup.area)
         q, looked = drawn.q, drawn.looked
-    elif setup.pictured:
-        q, looked = _pictured(setup, session, poses, rng)
+    elif setup.choosy:
+        drawn = poses_in_sight(setup, session, poses, rng)
+        q, looked = drawn.q, drawn.looked
     else:
         q = random_positions(setup.robot, poses, rng)
     parts = [setup.motion(q[start : start + CHUNK], session) for start in range(0, max(poses, 1), CHUNK)]
     spots = np.concatenate([_spots(beams_in(setup.robot.chain, motion), setup.area) for motion, _ in parts])
     readings = []
     for sensor in setup.sensors:
-        p, R = (np.concatenate([seen[sensor.target][part] for _, seen in parts]) for part in (0, 1))
+        p, R = (np.concatenate([seen[sensor.pair][part] for _, seen in parts]) for part in (0, 1))
         readings += [_read(setup, sensor, kind, p, R, touches, rng, noise) for kind in SENSOR_KINDS[sensor.kind]]
     return q, spots + noise.draw(rng, noise.spot, spots.shape), readings, looked
-
-
-def _pictured(setup: SimulatedSetup, session: str, poses: int, rng: np.random.Generator) -> tuple[Matrix, int]:
-    """Poses at which the camera sees a board or target, and every beam meets the screen where there are lasers."""
-    require_room(setup.robot)
-    beams = on_screen(replace(setup.errors, sessions=("",)), setup.x, setup.area) if setup.robot.rig.lasers else None
-
-    def in_view(q: Matrix) -> Mask:
-        seen = any_in_view(setup.subjects(q, session), setup.camera)
-        return seen if beams is None else seen & beams(q)
-
-    drawn = draw_where(in_view, np.array(joint_limits(setup.robot)), poses, rng, most=_MOST_PICTURES, batch=CHUNK)
-    if len(drawn.q) < poses:
-        raise UsageError(
-            f"the camera sees its target in {len(drawn.q)} of {drawn.looked} random poses, {poses} were asked for; "
-            "see that board and camera look at each other, or let the camera stand anywhere (without --reference-known)"
-        )
-    return drawn.q, drawn.looked
 
 
 def _spots(beams: Beams, area: ScreenArea) -> Array3:
@@ -230,19 +216,22 @@ def _read(
     noise: ReadingNoise,
 ) -> Readings:
     """What one sensor reads of its target, seen at p with axes R."""
-    n, how = len(p), SENSORS[kind].with_camera(setup.camera)
-    labels = [touch.label if (touch.kind, touch.target) == (kind, sensor.target) else "" for touch in touches]
+    camera = setup.camera_of(sensor.instrument)
+    n, how = len(p), SENSORS[kind].with_camera(camera)
+    labels = [touch.label if (touch.kind, touch.pair) == (kind, sensor.pair) else "" for touch in touches]
     places = () if how.touches else how.places(sensor.target, ())
     numbers = np.concatenate([np.empty(0), *(setup.place(place.name) for place in places)])
     axes = next((setup.errors.planes[place.name] for place in places if place.name in setup.errors.planes), np.eye(3))
     view = View(p, R, np.tile(numbers, (n, 1)), np.broadcast_to(axes, (n, 3, 3)))
-    scale = noise.of(how.words.unit)
+    scale = noise.spot if how.aimed else noise.of(how.words.unit)
     values = how.disturbed(how.read(view), lambda shape: noise.draw(rng, scale, shape))
+    if how.aimed:
+        values = np.where(setup.area_of(sensor.instrument).holds(values)[:, None], values, np.nan)
     if how.by_camera:
-        seen = Subject(p, R, np.zeros((1, 3)), sensor.link in setup.boards).read(setup.camera)
+        seen = Subject(p, R, np.zeros((1, 3)), sensor.link in setup.boards).read(camera)
         values = np.where(seen, values, np.nan)
     touched = np.array(labels, dtype=str) if how.touches else np.full(n, "")
-    return Readings(kind, sensor.target, sensor.link, values, touched, np.full(n, np.nan))
+    return Readings(kind, sensor.target, sensor.link, values, touched, np.full(n, np.nan), sensor.instrument)
 
 
 def _joined(parts: Sequence[Readings]) -> Readings:

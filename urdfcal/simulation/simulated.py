@@ -21,6 +21,7 @@ from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.robot.urdf_writer import with_origins
+from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.simulation.readings import Distribution, ReadingNoise, Simulated, simulated_readings
 from urdfcal.simulation.readings import simulate as simulate_spots
@@ -78,12 +79,16 @@ def simulate(
     joint_noise: float = 0.0,
     length_noise: float = 0.1 * MM,
     angle_noise: float = 0.02 * DEG,
+    pixel_noise: float = 0.2,
     distribution: Distribution = "gaussian",
     places: int = 4,
     reference: str | None = None,
     reference_known: bool = False,
     target_known: bool = False,
     screen_size: float = 3.0,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
+    stations: Stations = NONE,
     seed: int = 0,
     rng: np.random.Generator | None = None,
 ) -> Simulation:
@@ -93,7 +98,7 @@ def simulate(
         robot: Nominal robot.
         poses: How many.
         sensors: What reads: `laser` for the robot's lasers, or `point:LINK`, `pose:LINK`, `distance:LINK`, `plane:LINK`, `socket:LINK`,
-            `inclination:LINK`; several on one link as `LINK:LABEL`.
+            `inclination:LINK`, `pixels:LINK`; several on one link as `LINK:LABEL`, by one of several instruments as `LINK@INSTRUMENT`.
         errors: Sigmas of random errors in six directions of every joint, mount and screen, ([m], [rad]); or errors by name, [m] and
             [rad], of `error_model`.
         error_model: What stated errors are named after.
@@ -102,12 +107,16 @@ def simulate(
         joint_noise: Of a turning joint's reading, [rad].
         length_noise: Of a point's coordinate and of a distance, and how far a touch is off, [m].
         angle_noise: Of an orientation about each axis, and of an inclination, [rad].
+        pixel_noise: Of a corner or a target in a picture, [px].
         distribution: `gaussian`, whose noise is a standard deviation, or `uniform`, half of a width.
         places: How many planes, and sockets, a target touches in turn.
         reference: Link that the measuring frame stands on; by default `tracker`, or the root.
         reference_known: Measure from the reference link itself, not from a frame that stands anywhere.
         target_known: Measure the targets' links themselves, not something that sits anywhere on them.
         screen_size: Side of the screen, [m].
+        camera: What pixels are read with, a `Camera`; it stands where it sees its targets at many poses.
+        boards: Links that are boards, with the grids of their corners, which `pixels:LINK` reads.
+        stations: Instruments by name: links, and cameras of their own.
         seed: Of the randomness.
         rng: Source of randomness in place of a seed.
 
@@ -119,9 +128,9 @@ def simulate(
     if poses < 1 or test_poses < 0:
         raise UsageError(f"simulate: expected one pose or more, found {poses} and {test_poses} to test")
     rng = np.random.default_rng(seed) if rng is None else rng
-    noise = ReadingNoise(spot_noise, joint_noise, distribution, length=length_noise, angle=angle_noise)
-    named, lasers = parse_sensors(sensors, robot, places)
-    seen = seen_with(robot, named, reference or "", lasers) if named else robot
+    noise = ReadingNoise(spot_noise, joint_noise, distribution, length=length_noise, angle=angle_noise, pixel=pixel_noise)
+    named, lasers = parse_sensors(sensors, robot, places, boards, stations)
+    seen = seen_with(robot, named, reference or "", lasers, boards, stations) if named else robot
     require_room(seen)
     model, x = _truth(seen, errors, error_model, rng)
     setup, found = simulated_by(
@@ -135,6 +144,9 @@ def simulate(
         area=ScreenArea(screen_size),
         reference_known=reference_known,
         target_known=target_known,
+        camera=camera,
+        boards=boards,
+        stations=stations,
     )
     return Simulation(found.data, seen, setup.errors, setup.x)
 
@@ -153,6 +165,7 @@ def simulated_by(
     target_known: bool = False,
     camera: Any = None,
     boards: Mapping[str, Grid] | None = None,
+    stations: Stations = NONE,
 ) -> tuple[SimulatedSetup, Simulated]:
     """What sensors read of a robot with known errors, and where everything stands that measures it.
 
@@ -169,6 +182,7 @@ def simulated_by(
         target_known: The same.
         camera: The same.
         boards: The same.
+        stations: The same.
 
     Raises:
         UsageError: poses that sensors can read are too rare, or pixels are to be read without a camera.
@@ -185,6 +199,7 @@ def simulated_by(
             area=area,
             camera=camera,
             boards=boards,
+            stations=stations,
         )
         found = simulated_readings(setup, sum(poses), rng, noise)
     else:
