@@ -74,7 +74,7 @@ def _blank(own: Readings, n: int) -> Readings:
 
 def _made(own: Readings, read: Matrix, area: ScreenArea) -> Readings:
     """Readings that can be made: finite ones, and of spots those on the screen."""
-    good: Mask = np.isfinite(read).all(axis=1)
+    good: Mask = np.asarray(np.isfinite(read).all(axis=1))
     if own.kind.on_screen:
         good = good & area.holds(read)
     return replace(own, values=np.where(good[:, None], read, np.nan))
