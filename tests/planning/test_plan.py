@@ -9,8 +9,9 @@ import pytest
 
 import urdfcal
 from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.estimation.gains import gains
 from urdfcal.planning.plan import plan_poses
-from urdfcal.planning.selection import exchanged, expected, gains, greedy
+from urdfcal.planning.selection import exchanged, expected, greedy
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.spots import beams_at
 

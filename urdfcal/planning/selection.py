@@ -1,11 +1,8 @@
 """Poses chosen one by one so that what is predicted of the tool gets as sure as it can: greedy I-optimal design.
 
 With P the covariance of the parameters so far and M the mean of J'J over the workspace, J the motion of the tool's origin per parameter,
-the tool's mean squared error is tr(P M). A further pose with the whitened Jacobian H leaves P - P H' (I + H P H')^-1 H P, so it gains
-
-    tr((I + H P H')^-1 H P M P H'),
-
-and of all candidates the one that gains most is taken, pose after pose. What so many poses gain grows with ever smaller steps, of which
+the tool's mean squared error is tr(P M). What a further pose gains of it is worked out in `estimation.gains`, and of all candidates the
+one that gains most is taken, pose after pose. What so many poses gain grows with ever smaller steps, of which
 greedy choices are known to get the better part (Krause, Singh and Guestrin, 2008, for mutual information), though not all. So poses
 are then exchanged (Fedorov, 1972): each in turn is taken out, and the candidate that gains most without it is put in its place, until
 none gains.
@@ -18,6 +15,7 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.calibration.analysis.more_poses import covariance
+from urdfcal.estimation.gains import gains
 
 _PASSES = 10  # of exchanges over all poses
 _ROUNDING = 1e-9  # share of a gain
@@ -87,13 +85,6 @@ def information(H: Array3) -> Matrix:
     """The sum of H'H over some poses, (..., k, p) -> (p, p)."""
     rows = H.reshape(-1, H.shape[-1])
     return np.asarray(rows.T @ rows)
-
-
-def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
-    """By how much each candidate would lower tr(P M), (m,)."""
-    HP = H @ P
-    S = HP @ H.transpose(0, 2, 1) + np.eye(H.shape[1])
-    return np.asarray(np.trace(np.linalg.solve(S, HP @ M @ HP.transpose(0, 2, 1)), axis1=1, axis2=2))
 
 
 def expected(H: Array3, sigma: Vector, M: Matrix, rows: npt.NDArray[np.intp], known: Matrix | None = None) -> float:

@@ -26,6 +26,7 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.base.terminal import many, rounded
 from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
+from urdfcal.calibration.analysis.next_pose import NextPose, measured_before, read_at, whitened
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
@@ -35,6 +36,7 @@ from urdfcal.calibration.start.begin import start_of, with_scale
 from urdfcal.calibration.start.nominal import NominalFit
 from urdfcal.estimation.chi_squared import chi_squared_gate
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, update
+from urdfcal.estimation.gains import gains
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
@@ -253,6 +255,38 @@ class OnlineCalibrator:
             UsageError: there are none, and the robot has no lasers that they could be of.
         """
         return self._history.measurements()
+
+    def next_pose(self, candidates: npt.ArrayLike) -> NextPose:
+        """Which of some poses to measure next: the one after which the tool's predicted mean squared error is least, given the belief.
+
+        Every instrument is taken to read there what it has read before, where the belief says that it can. Poses that were measured
+        already are passed over, and so is what touches.
+
+        Args:
+            candidates: Positions that the robot may take, (m, inputs), [rad] or [m], in the order of the `joints` of what was measured:
+                of the robot's `chain.input_names` as the sensors see it.
+
+        Raises:
+            UsageError: nothing is placed yet, only touches were read, or none of the candidates tells anything new.
+            ShapeMismatch: the candidates do not fit the robot.
+        """
+        seen, q = self._seeing, np.asarray(candidates, dtype=float)
+        names = seen.robot.chain.input_names
+        if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
+            raise ShapeMismatch(f"next_pose: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
+        if not seen.placed:
+            raise UsageError(f"next_pose: {self.state.waiting or 'nothing is placed yet'}; begin with poses that differ in every joint")
+        held = self._history.measurements()
+        there = read_at(seen.robot, seen.errors, self.state.x, held, q)
+        noise = noise_for(self.state.noise, seen.kinds, there)
+        rows = self._rows[: 3 * self._sizes[0]]
+        M, P = rows.T @ rows / self._sizes[0], self.state.belief.P
+        gain = gains(whitened(self.errors, self._linearised_at, widened(there, self._extra), noise), P, M)
+        gain[measured_before(q, held)] = 0.0
+        best = int(np.argmax(gain)) if len(gain) else 0
+        if not len(gain) or not gain[best] > 0:
+            raise UsageError(f"next_pose: none of {many(len(q), 'candidate')} tells anything: measured already, or nothing is seen there")
+        return NextPose(best, q[best].copy(), float(np.sqrt(np.sum(P * M) - gain[best])) / MM)
 
     def calibration(self, gated: bool = False, evidence: bool = False) -> FitResult:
         """The batch fit of the poses so far: report, corrected URDF and all.
