@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import logging
 import math
-import os
 import shlex
-from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,10 +18,9 @@ from urdfcal.cli.options import Json, Quiet
 if TYPE_CHECKING:
     from urdfcal.fleet.manifest import FleetRow
     from urdfcal.fleet.outcome import Outcome
+    from urdfcal.fleet.spread import Lost
 
 MARK = "fleet.json"  # what tells a folder of ours
-_BATCHES = 8  # a worker
-_MOST_ROWS = 16  # of a batch: what is in flight is lost where a worker dies
 _TOLD = 8  # robots that are named one by one
 
 
@@ -109,64 +106,21 @@ def _folder(output: Path) -> Path:
 def _all(rows: Sequence[FleetRow], into: Path, workers: int | None, scheduler: str | None) -> list[Outcome]:
     """Every robot, in the order of the manifest."""
     from urdfcal.base.progress import counted
-    from urdfcal.cli.fleet_worker import fit_rows
+    from urdfcal.cli.fleet_worker import fit_row
+    from urdfcal.fleet.spread import Lost, spread
 
-    found: dict[str, Outcome] = {}
+    found: dict[int, Outcome] = {}
     with counted("robot", len(rows)) as advance:
-        count = workers or os.cpu_count() or 1
-        done = map(lambda batch: fit_rows(batch, into), _batches(rows, 1)) if scheduler is None and count == 1 else None
-        for outcomes in done or _spread(_batches(rows, count), into, count, scheduler):
-            for own in outcomes:
-                found[own.name] = own
-                advance()
-    return [found[row.name] for row in rows]
+        for place, own in spread(partial(fit_row, into=into), rows, workers, scheduler):
+            found[place] = _lost(rows[place].name, own) if isinstance(own, Lost) else own
+            advance()
+    return [found[place] for place in range(len(rows))]
 
 
-def _batches(rows: Sequence[FleetRow], workers: int) -> list[Sequence[FleetRow]]:
-    size = max(1, min(_MOST_ROWS, len(rows) // (workers * _BATCHES)))
-    return [rows[start : start + size] for start in range(0, len(rows), size)]
-
-
-def _spread(batches: Sequence[Sequence[FleetRow]], into: Path, workers: int, scheduler: str | None) -> Iterator[list[Outcome]]:
-    """What workers made of batches, as it comes.
-
-    Raises:
-        UsageError: dask is not installed, or the scheduler does not answer.
-    """
-    from importlib import import_module
-
-    from urdfcal.cli.fleet_worker import fit_rows
-
-    try:
-        dask, distributed = import_module("dask"), import_module("distributed")
-    except ImportError:
-        raise UsageError("several processes want dask: pip install 'urdfcal[fleet]', or use --workers 1") from None
-    one_thread = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
-    with dask.config.set({"distributed.nanny.pre-spawn-environ": one_thread, "distributed.scheduler.allowed-failures": 1}):
-        try:
-            own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
-            cluster = distributed.LocalCluster(**own) if scheduler is None else None
-            client = distributed.Client(cluster or scheduler, timeout="10s")
-        except (OSError, ValueError, TimeoutError, RuntimeError) as error:
-            raise _no_workers(workers, scheduler, error) from None
-        with client, cluster or nullcontext():
-            tasks = {client.submit(fit_rows, batch, into, pure=False): batch for batch in batches}
-            for task in distributed.as_completed(list(tasks)):
-                yield task.result() if task.status == "finished" else [_lost(row.name, task) for row in tasks[task]]
-
-
-def _no_workers(workers: int, scheduler: str | None, error: Exception) -> UsageError:
-    said = " ".join(str(error).split()) or type(error).__name__
-    if scheduler is not None:
-        return UsageError(f"--scheduler {scheduler}: does not answer: {said}")
-    return UsageError(f"{workers} processes cannot be started here: {said}; --workers 1 does without")
-
-
-def _lost(name: str, task: Any) -> Outcome:
+def _lost(name: str, lost: Lost) -> Outcome:
     from urdfcal.fleet.outcome import Outcome
 
-    error = " ".join(f"{task.exception()}".split())
-    return Outcome(name, 70, f"the process that fitted it ended: {error[:200]}; run the command again, or with --workers 1")
+    return Outcome(name, 70, f"the process that fitted it ended: {lost.why}; run the command again, or with --workers 1")
 
 
 def _told(outcomes: Sequence[Outcome], files: Sequence[Path]) -> str:

@@ -7,7 +7,6 @@ import json
 import shutil
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +18,19 @@ RESULT = "result.json"
 _alone = threading.Lock()  # a command has its process's streams and working folder for itself
 
 
-def fit_rows(rows: Sequence[FleetRow], into: Path) -> list[Outcome]:
-    """Some robots, one after the other; each with a folder of its own name."""
-    return [fit_row(row, into) for row in rows]
-
-
 def fit_row(row: FleetRow, into: Path) -> Outcome:
     """A robot: as an earlier run left it, if that was made of the same, else fitted."""
+    from urdfcal.cli.run import error_of_ours
     from urdfcal.fleet.outcome import Outcome
 
     if row.trouble:
         return Outcome(row.name, 2, row.trouble)
-    made_of, place = row.made_of(), into / row.name
-    earlier = kept(place, made_of)
-    return earlier if earlier is not None else _fitted(row, place, made_of)
+    try:
+        made_of, place = row.made_of(), into / row.name
+        earlier = kept(place, made_of)
+        return earlier if earlier is not None else _fitted(row, place, made_of)
+    except Exception as error:  # the others go on; it is told with its row
+        return Outcome(row.name, 70, error_of_ours(error))
 
 
 def kept(place: Path, made_of: str) -> Outcome | None:

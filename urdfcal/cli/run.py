@@ -50,7 +50,7 @@ def run(command: Any, words: list[str] | None = None) -> int:
             return told(usage_words(error), 2)
         if isinstance(error, OSError) and about_stdout(error):
             return told(str(unprinted(error)), 2)
-        return told(_ours(error), 70)
+        return told(error_of_ours(error), 70)
 
 
 def called(command: Callable[..., None], words: Sequence[str]) -> Heard:
@@ -64,7 +64,7 @@ def called(command: Callable[..., None], words: Sequence[str]) -> Heard:
     return Heard(code, out.getvalue(), err.getvalue())
 
 
-def _ours(error: Exception) -> str:
+def error_of_ours(error: Exception) -> str:
     """An error of ours in a line: what and where it is, and how to report it; with --verbose the traceback goes before it."""
     if {"-v", "--verbose"} & set(sys.argv):
         traceback.print_exception(error)

@@ -1,0 +1,44 @@
+"""The same work in one process and in several."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import pytest
+
+from urdfcal.base.errors import UsageError
+from urdfcal.fleet.spread import Lost, spread
+
+
+def squared(number: int) -> tuple[int, int, str]:
+    """A square, which process made it, and how many threads its matrices may have."""
+    if number == 13:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2, os.getpid(), os.environ.get("OPENBLAS_NUM_THREADS", "")
+
+
+def test_one_process_is_this_one() -> None:
+    """What is made comes in order, without dask."""
+    assert [(place, made) for place, made in spread(lambda number: number**2, [3, 1, 2], workers=1)] == [(0, 9), (1, 1), (2, 4)]
+
+
+def test_several_processes_make_the_same_and_what_dies_is_named_alone() -> None:
+    """Every place has its square, made elsewhere with one thread; the batch in which a process is killed is lost, and nothing else."""
+    pytest.importorskip("distributed")
+    numbers = [*range(10), 13, *range(20, 26)]
+    made = dict(spread(squared, numbers, workers=2))
+    assert sorted(made) == list(range(len(numbers)))
+    lost = [numbers[place] for place, own in made.items() if isinstance(own, Lost)]
+    assert lost == [13]
+    squares = [own for own in made.values() if not isinstance(own, Lost)]
+    assert sorted(own[0] for own in squares) == sorted(number**2 for number in numbers if number != 13)
+    assert {own[2] for own in squares} == {"1"}
+    assert os.getpid() not in {own[1] for own in squares}
+
+
+def test_a_scheduler_that_is_none_is_named() -> None:
+    """With its address, before any work is done."""
+    pytest.importorskip("distributed")
+    with pytest.raises(UsageError, match="--scheduler nowhere://x: does not answer"):
+        list(spread(squared, [1, 2], scheduler="nowhere://x"))
