@@ -148,7 +148,7 @@ def test_a_command_for_ros_2_stands_in_one_line(folder: Path, content: dict[str,
 def test_people_are_told_what_would_change(calibration: Calibration, folder: Path) -> None:
     """Each frame has a line: what moves and how far, or which link would be added and why."""
     lines = frame_lines(calibration, FramesWish(), folder / "c.yaml")
-    assert lines[1].startswith(f"The URDF is without these frames ({folder / 'c.yaml'} has their poses")
+    assert lines[1].startswith(f"The calibrated robot is without these frames ({folder / 'c.yaml'} has their poses")
     told = "\n".join(lines)
     assert re.search(r"eye would move \d[.\d]* mm, 0\.\d+ deg: --write-frames", told)
     assert "frame of leica: --add-frames adds it to 'base' as the link 'leica' ('base' is the root, which no joint places)" in told

@@ -149,6 +149,10 @@ COMMANDS = {
     **{name: (_VIEW,) for name in ("part.stl", "part.obj", "part.mtl", "part.dae", "part.png")},
     **{name: (f"fit small.urdf {name} -o out.urdf --overwrite", f"evaluate small.urdf {name}") for name in SENSORS},
     "fleet.csv": ("fleet fleet.csv -o out --workers 1",),
+    "framed.yaml": (
+        "apply small.urdf framed.yaml -o out.urdf --overwrite --add-frames --frame screen=tracker --frame tool",
+        "apply small.urdf framed.yaml -o out.urdf --overwrite",
+    ),
 }
 BESIDE = ("ur.urdf", "urc.yaml", "sag.yaml", "sag.urdf", *VIEWS[1:])  # what commands take beside the file that is broken
 FIT = {"out.urdf", "out_calibration.yaml"}
@@ -171,8 +175,10 @@ def make(run_cli: Run, folder: Path) -> Good:
     _paint(folder)
     (folder / "ur.yaml").write_bytes(_ur_kinematics(folder))
     (folder / "camera.yaml").write_bytes((folder / "pictures" / "camera.yaml").read_bytes())
-    stored = (folder / "c_calibration.yaml").read_text()  # no time in it: every mutation can be repeated
-    (folder / "c.yaml").write_text(re.sub("created: .*", "created: '2026-11-22T00:00:00+00:00'", stored))
+    for name in ("c", "f"):
+        stored = (folder / f"{name}_calibration.yaml").read_text()  # no time in it: every mutation can be repeated
+        to = {"c": "c.yaml", "f": "framed.yaml"}[name]
+        (folder / to).write_text(re.sub("created: .*", "created: '2026-11-22T00:00:00+00:00'", stored))
     good = Good({name: (folder / name).read_bytes() for name in (*COMMANDS, *BESIDE)})
     sweep(folder, set(good.files))
     for command in dict.fromkeys(command for commands in COMMANDS.values() for command in commands):
@@ -201,6 +207,7 @@ def _measure(run_cli: Run, folder: Path) -> None:
         "render small.urdf m.csv -o series --camera pictures/camera.yaml",
         "simulate ur.urdf -o ur.csv --poses 5 --sensor pose:link6",
         *(f"simulate small.urdf -o {name} --poses 15 --errors 10mm,1deg --sensor {sensor}" for name, sensor in SENSORS.items()),
+        "fit small.urdf pose.csv -o f.urdf --force",
     ):
         assert (run := run_cli(*command.split())).code == 0, (command, run)
     one = folder / "one.csv"

@@ -98,7 +98,8 @@ class Deployment:
         """A warning of the formats that cannot hold the frames which others beside them hold."""
         able = _WITH_LINKS if wish.add else _WITH_FIXED
         unable = [name for name in self.places if name not in able] if wish else []
-        return (f"--format {' and '.join(unable)}: cannot hold all of the frames; {self.main} can",) if unable else ()
+        holding = [str(place) for name, place in self.places.items() if name in able]
+        return (f"--format {' and '.join(unable)}: cannot hold all of the frames; {' and '.join(holding)} can",) if unable else ()
 
 
 def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_from: Path | None = None) -> Deployment:

@@ -28,7 +28,7 @@ def frame_lines(calibration: FitResult, wish: FramesWish, record: Path | None) -
     names = {(frame.label, frame.session) for frame in (*chosen.written, *chosen.added)}
     left = [offered(frame) for frame in frames if (frame.label, frame.session) not in names]
     kept = "" if record is None else f" ({record} has their poses, covariances and static transforms)"
-    title = "The URDF has these frames now:" if done else f"The URDF is without these frames{kept}:"
+    title = "The calibrated robot has these frames now:" if done else f"The calibrated robot is without these frames{kept}:"
     return ["", title, *(f"  {line}" for line in (*done, *left))]
 
 
