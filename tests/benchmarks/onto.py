@@ -2,11 +2,11 @@
 
     python -m tests.benchmarks.onto [--seed N]
 
-For each robot: its model as MuJoCo itself converts its URDF (six digits); MJCF written by us, each body's orientation in a way drawn at
-random (quat, euler in the compiler's eulerseq, axisangle, xyaxes), in degrees, with axes in default classes, `ref`, frames, sites, inertials
-and `fromto`; and SDF with poses relative to parents, joints or the model, in radians, degrees or quaternions. Every moving joint and every
-fixed one that has a name there is off by 2 mm and 2 mrad. *before*, *after*: the farthest that a link's placement in the root is off, at
-20 configurations, before and after `apply --onto`: in MJCF by MuJoCo's kinematics, in SDF by products of what stands there.
+For each robot: its model as MuJoCo itself converts its URDF (six digits); MJCF written by us, each body's orientation in a way
+drawn at random (quat, euler in the compiler's eulerseq, axisangle, xyaxes), in degrees, with axes in default classes, `ref`, frames,
+sites, inertials and `fromto`; and SDF with poses relative to parents, joints or the model, in radians, degrees or quaternions. Every moving
+joint and every fixed one that has a name there is off by 2 mm and 2 mrad. *before*, *after*: the farthest that a link's placement in the
+root is off, at 20 configurations, before and after `apply --onto`: in MJCF by MuJoCo's kinematics, in SDF by products of what stands there.
 """
 
 from __future__ import annotations
