@@ -123,6 +123,9 @@ NOT_UNDERSTOOD = {
     "--versoin": "urdfcal has no option '--versoin'; did you mean '--version'? urdfcal --help says what it takes",
     "apply a.urdf c.yaml -o o.urdf --format uri": "'uri' is not one of 'urdf', 'origins-yaml', 'ur', 'offsets', 'rising', "
     "'ros2-control', 'xarm', 'franka', 'flexiv', 'tesseract', 'xacro'; did you mean 'ur'?",
+    "apply a.urdf c.yaml -o o.urdf --format kinova": "--format kinova: Kinova's drivers read no geometry of a single arm",
+    "fit a.urdf m.csv --format pal": "--format pal: how PAL's robots read master_calibration.yaml is not public",
+    "fit a.urdf m.csv --format Fanuc": "its controllers keep their geometry; urdfcal correct changes what they are told",
 }
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from urdfcal.base.errors import UsageError, nearest_of
 from urdfcal.base.files import YAML_ENDINGS
+from urdfcal.output.endings import ELSEWHERE
 
 _CHOICE = re.compile(r"'(?P<found>[^']*)' is not one of (?P<choices>'.*')")
 _FILES = (".urdf", ".xacro", ".csv", ".xlsx", *YAML_ENDINGS)
@@ -22,7 +23,9 @@ def usage_words(error: Any) -> str:
     name = getattr(error, "option_name", "")
     if name and "no such option" in message.lower() and context is not None:
         message = f"{context.info_name} has no option '{name}'{nearest_of(name, _options(context))}"
-    elif (choice := _CHOICE.search(message)) is not None:
+    elif (choice := _CHOICE.search(message)) is not None and "'--format'" in message and choice["found"].lower() in ELSEWHERE:
+        message = f"--format {choice['found']}: {ELSEWHERE[choice['found'].lower()]}"
+    elif choice is not None:
         message += nearest_of(choice["found"], re.findall(r"'([^']*)'", choice["choices"]))
     return f"{message}{'' if message.endswith('?') else ';'} {_read_on(context)}"
 

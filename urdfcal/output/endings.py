@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from urdfcal.base.errors import did_you_mean
 from urdfcal.base.files import YAML_ENDINGS
 
 ENDINGS = {
@@ -19,7 +20,26 @@ ENDINGS = {
     "tesseract": "_tesseract.yaml",
     "xacro": "_xacro.patch",
 }
+_KEPT = "its controllers keep their geometry; urdfcal correct changes what they are told, --format urdf what you plan with"
+_ONTO = "urdfcal apply ROBOT CALIBRATION --onto MODEL puts a calibration on a model of yours"
+_KINOVA = "Kinova's drivers read no geometry of a single arm; kortex_description has it in the arm's macro, which --format xacro changes"
+_PAL = (
+    "how PAL's robots read master_calibration.yaml is not public; the offsets in the calibration xacros of their descriptions, such as "
+    "TALOS has, are what --format xacro changes"
+)
+ELSEWHERE = {  # names that are asked for, and what there is instead
+    **dict.fromkeys(("kinova", "kortex", "gen3"), _KINOVA),
+    **dict.fromkeys(("pal", "tiago", "talos", "master-calibration"), _PAL),
+    **dict.fromkeys(("abb", "kuka", "fanuc", "staubli", "yaskawa", "motoman", "doosan", "denso"), _KEPT),
+    **dict.fromkeys(("mjcf", "mujoco", "sdf", "gazebo"), _ONTO),
+}
 PATCHES = (".patch", ".diff")
+
+
+def no_format(name: str) -> str:
+    """What to say of a format that there is not."""
+    own = ELSEWHERE.get(name.lower().replace("_", "-"))
+    return f"no format '{name}': {own}" if own else f"no format '{name}'{did_you_mean(name, ENDINGS)}"
 
 
 def stem_of(path: Path) -> str:

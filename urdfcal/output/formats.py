@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from urdfcal.base.errors import UsageError, did_you_mean
+from urdfcal.base.errors import UsageError
 from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.base.geometry import SE3
 from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_yaml
-from urdfcal.output.endings import ENDINGS, PATCHES, stem_of
+from urdfcal.output.endings import ENDINGS, PATCHES, no_format, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
 from urdfcal.output.sources.patch import SourcePatch, patched_sources
@@ -118,7 +118,7 @@ def deployment(formats: Sequence[str], output: Path | None, stem: str, ur_hash_f
     wanted = list(dict.fromkeys(formats)) or ["urdf"]
     for name in wanted:
         if name not in ENDINGS:
-            raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
+            raise UsageError(no_format(name))
     if ur_hash_from is not None and "ur" not in wanted:
         raise UsageError("--ur-hash-from means something with --format ur alone")
     main = wanted[0] if output is None else _meant(wanted, output)
@@ -220,7 +220,7 @@ class Deployed:
             return tesseract_yaml(self._whole)
         if name == "xacro":
             return self.sources(split).unified
-        raise UsageError(f"no format '{name}'{did_you_mean(name, ENDINGS)}")
+        raise UsageError(no_format(name))
 
     @property
     def _whole(self) -> dict[str, SE3]:

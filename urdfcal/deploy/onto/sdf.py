@@ -45,6 +45,17 @@ class _Own:
     link: str
 
 
+def _named_once(model: Element) -> dict[str, Element]:
+    """The things that poses may be relative to; in SDF each has a name of its own."""
+    found: dict[str, Element] = {}
+    for own in model.all("link", "frame", "joint", "model"):
+        if own.name in found:
+            raise own.fail(f"<{own.tag} {own.name}>: a <{found[own.name].tag}> is called so, too; in SDF every name stands once")
+        if own.name:
+            found[own.name] = own
+    return found
+
+
 class Sdf(OtherModel):
     """An SDF model that was read."""
 
@@ -54,7 +65,7 @@ class Sdf(OtherModel):
         self.document, self.called = document, called
         self.model = _only_model(document)
         _refuse_old(document.root)
-        self.by_name = {own.name: own for own in self.model.all("link", "frame", "joint", "model") if own.name}
+        self.by_name = _named_once(self.model)
         self.things = {name: self._thing(element) for name, element in self.by_name.items()}
         self.inner = [self._inside(element, link) for link in self.model.all("link") for element in _placed_elsewhere(link)]
         self.holders = {self._link(_said(joint, "child"), joint): joint for joint in self.model.all("joint")}
