@@ -93,6 +93,11 @@ class Channel:
         axes = np.array([self.errors.planes.get(place.name, np.eye(3)) for place in self._places] or [np.eye(3)])
         return np.asarray(axes[self._place_of_pose])
 
+    @property
+    def places_of_poses(self) -> tuple[npt.NDArray[np.intp], Matrix, Array3]:
+        """Of each pose's place: columns of x of its numbers, -1 where they are held, and those held, (n, a); its axes, (n, 3, 3)."""
+        return self._place_columns, self._held, self._axes
+
     def view(self, motion: ArmMotion, rows: Rows, x: Vector) -> View:
         """The target as the measuring frame sees it at some poses."""
         p, R = motion.seen(self.target, self.frame)
@@ -353,18 +358,26 @@ class Problem:
     @cached_property
     def _shares(self) -> Mapping[str, Shares]:
         """By session: whether each parameter moves what each number is of against what it is seen from, (p, m)."""
-        found = {}
-        for session in self.errors.sessions:
-            moves = self.errors.moves(session).astype(float)
-            found[session] = Shares.of([self._against(moves, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
-        return found
+        return {session: Shares.of(self.shares_of_parameters(session)) for session in self.errors.sessions}
 
     @cached_property
     def _axis_shares(self) -> Shares:
         """The same of each moving joint, (moving, m)."""
-        chain = self.errors.chain
-        passed = chain.passed[[frame.depth for frame in chain.frames]].astype(float)
-        return Shares.of([self._against(passed, channel) for channel in self.channels for _ in range(channel.sensor.numbers)])
+        return Shares.of(self.shares_of_joints)
+
+    def shares_of_parameters(self, session: str) -> Matrix:
+        """How much each parameter moves what each number is of against what it is seen from, (p, m): 1, 0 or -1."""
+        return self._of_numbers(self.errors.moves(session))
+
+    @property
+    def shares_of_joints(self) -> Matrix:
+        """The same of each moving joint, (moving, m)."""
+        return self._of_numbers(self.errors.chain.passed[[frame.depth for frame in self.errors.chain.frames]])
+
+    def _of_numbers(self, moves: Mask) -> Matrix:
+        moved = moves.astype(float)
+        own = [self._against(moved, channel) for channel in self.channels for _ in range(channel.sensor.numbers)]
+        return np.array(own).reshape(len(own), moved.shape[1]).T
 
     @staticmethod
     def _against(moves: Matrix, channel: Channel) -> Vector:

@@ -91,7 +91,7 @@ class Estimate:
 
 
 def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Belief, float]:
-    """One Kalman update, equations (14)-(15), in Joseph form.
+    """One Kalman update, equations (14)-(15), in Joseph form: with A = I - K H it is A P A' + K R K', multiplied out by the few rows of H.
 
     Args:
         belief: Before the measurement.
@@ -106,8 +106,8 @@ def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Be
     S = HP @ H.T + R
     solved = np.linalg.solve(S, np.column_stack([HP, innovation]))
     K = solved[:, :-1].T
-    A = np.eye(len(belief.x)) - K @ H
-    P = A @ belief.P @ A.T + K @ R @ K.T
+    AP = belief.P - K @ HP
+    P = AP + (K @ R - AP @ H.T) @ K.T
     return Belief(belief.x + K @ innovation, (P + P.T) / 2), float(innovation @ solved[:, -1])
 
 

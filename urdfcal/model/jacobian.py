@@ -13,7 +13,6 @@ a twist is brought from joint to joint on its way out, as a wrench would be, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -170,9 +169,8 @@ class Shares:
     factors: Array3
 
     @staticmethod
-    def of(columns: Sequence[Vector]) -> Shares:
-        """Those of each number, (m,) times (k,)."""
-        shares = np.array(columns).T
+    def of(shares: Matrix) -> Shares:
+        """Those of each number, (k, m)."""
         rows = np.flatnonzero((shares != 1.0).any(axis=1)) if shares.size else np.empty(0, dtype=np.intp)
         return Shares(rows, shares[rows, :, None] if shares.size else np.empty((0, 0, 1)))
 

@@ -22,7 +22,7 @@ from urdfcal.sensors.registry import noun, start_sigma_of
 from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
 from urdfcal.sensors.sensor import Sensor
 
-_OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
+OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
 
 
 @dataclass(frozen=True, repr=False)
@@ -245,7 +245,7 @@ class Measurements:
         readings = tuple(reading.subset(index) for reading in self.readings)
         left = {place.name for reading in readings for place in reading.places}
         lengths = tuple(known for known in self.lengths if {known.one, known.other} <= left)
-        per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in _OF_A_POSE}
+        per_pose |= {name: None if (own := getattr(self, name)) is None else own[index] for name in OF_A_POSE}
         return replace(
             self, **per_pose, readings=readings, lengths=lengths, lines=None if self.lines is None else self.lines[index], warnings=()
         )

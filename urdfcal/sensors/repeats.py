@@ -42,7 +42,10 @@ def resolution(q: Matrix) -> Vector:
 
 def read_again(q: Matrix, new: Vector) -> bool:
     """Whether a further row, (joints,), stands as close to any of some rows (n, joints) as readings of one pose do."""
-    apart = np.abs(q - new)
+    near = np.abs(q[:, 0] - new[0]) <= _STEP * COARSEST
+    if not near.any():  # of one joint already, as mostly
+        return False
+    apart = np.abs(q[near] - new)
     apart = apart[(apart <= _STEP * COARSEST).all(axis=1)]
     return bool(len(apart) and (apart <= resolution(np.vstack([q, new]))).all(axis=1).any())
 

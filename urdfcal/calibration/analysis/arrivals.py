@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from urdfcal.base.errors import RigError, UsageError
-from urdfcal.base.geometry import Matrix
+from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.calibration.analysis.stream import Row, as_measurements
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import NominalFit, nominal_fit
 from urdfcal.estimation.noise import Noise
@@ -75,27 +77,36 @@ class History:
     """All poses that the belief holds; joint positions in an array that grows by doubling."""
 
     def __init__(self) -> None:
-        self.parts, self.count, self.numbers = list[tuple[int, Measurements]](), 0, 0
+        self.parts, self.count, self.numbers = list[tuple[int, Measurements | Row]](), 0, 0
         self._q = np.empty((0, 0))
 
     def __len__(self) -> int:
         """Number of poses."""
         return self.count
 
-    def holds(self, pose: Measurements) -> bool:
+    def holds(self, q: Vector) -> bool:
         """Whether this is a further reading of a pose that is held."""
-        return bool(self.count) and read_again(self._q[: self.count], pose.q[0])
+        return bool(self.count) and read_again(self._q[: self.count], q)
 
     def add(self, number: int, poses: Measurements, again: bool) -> None:
         """A pose, by the number in which it came; or a set without any, for what it would be of."""
         self.parts.append((number, poses))
         for q in poses.q:
-            if self.count == len(self._q):
-                old = self._q if self.count else np.empty((0, len(q)))
-                self._q = np.concatenate([old, np.empty((max(self.count, CHUNK), len(q)))])
-            self._q[self.count] = q
-            self.count += 1
+            self._keep(q)
         self.numbers += 0 if again else poses.numbers
+
+    def add_row(self, number: int, row: Row, numbers: int) -> None:
+        """The same of a pose in its layout, and how many numbers it adds."""
+        self.parts.append((number, row))
+        self._keep(row.q)
+        self.numbers += numbers
+
+    def _keep(self, q: Vector) -> None:
+        if self.count == len(self._q):
+            old = self._q if self.count else np.empty((0, len(q)))
+            self._q = np.concatenate([old, np.empty((max(self.count, CHUNK), len(q)))])
+        self._q[self.count] = q
+        self.count += 1
 
     def measurements(self) -> Measurements:
         """All of them, in the order in which they came.
@@ -108,9 +119,9 @@ class History:
         return in_order(self.parts)
 
 
-def in_order(parts: list[tuple[int, Measurements]]) -> Measurements:
+def in_order(parts: Sequence[tuple[int, Measurements | Row]]) -> Measurements:
     """Poses in the order in which they came."""
-    return joined([part for _, part in sorted(parts, key=lambda part: part[0])])
+    return joined(as_measurements([part for _, part in sorted(parts, key=lambda part: part[0])]))
 
 
 def no_spots(robot: Robot) -> Measurements | None:

@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import ceil
+from functools import cached_property
+from math import ceil, isfinite
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,13 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.base.terminal import many, rounded
 from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
+from urdfcal.calibration.analysis.forecast import Forecast
 from urdfcal.calibration.analysis.next_pose import NextPose, measured_before, read_at, whitened
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
+from urdfcal.calibration.analysis.stream import Arrived, Layout, Layouts, Ready, Row
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
+from urdfcal.calibration.pose_by_pose import PoseByPose
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.begin import start_of, with_scale
@@ -38,7 +42,6 @@ from urdfcal.estimation.chi_squared import chi_squared_gate
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, update
 from urdfcal.estimation.gains import gains
 from urdfcal.estimation.noise import Misfit, Noise, misfits
-from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
@@ -74,15 +77,11 @@ class OnlineState:
         gate: Its 99.9 % quantile; 0 where the pose had no reading.
         skipped: Why the last pose was left out; empty if it was not.
         relinearised: Whether the whole history was linearised afresh at this pose.
-        spot_sigma_mm: Predicted error of a spot, without the noise of seeing it: RMS over configurations with every beam on the screen,
-            [mm]; nan where such configurations are too rare.
-        tool_sigma_mm: Predicted position error of the tool relative to the base link (see `prediction`): RMS over the workspace, [mm].
-        tool_sigma_max_mm: The same at the worst configuration of the workspace, [mm].
-        tool_sigma_mrad: Predicted rotation error of the tool, RMS over the workspace, [mrad].
         extra_noise: What readings scatter beyond the noise that was stated with them, by kind, [m], [rad] or [px].
         misfit: Chi-squared of the history where it was linearised last, of the kind of reading that scatters most; None before.
         waiting: Why some poses are not in the belief yet; empty if none waits.
         enough: Whether tool_sigma_mm is under the target, and the noise it rests on is known and no smaller than it is seen to be.
+        forecast: How errors of the parameters would show.
     """
 
     poses: int
@@ -92,14 +91,34 @@ class OnlineState:
     gate: float
     skipped: str
     relinearised: bool
-    spot_sigma_mm: float
-    tool_sigma_mm: float
-    tool_sigma_max_mm: float
-    tool_sigma_mrad: float
     extra_noise: Mapping[str, float]
     misfit: Misfit | None
     waiting: str
     enough: bool
+    forecast: Forecast
+
+    @cached_property
+    def tool_sigma_mm(self) -> float:
+        """Predicted position error of the tool relative to the base link (see `prediction`): RMS over the workspace, [mm]."""
+        return self.forecast.tool_rms(self.belief.P) / MM
+
+    @cached_property
+    def tool_sigma_max_mm(self) -> float:
+        """The same at the worst configuration of the workspace, [mm]."""
+        return self.forecast.tool_worst(self.belief.P) / MM
+
+    @cached_property
+    def tool_sigma_mrad(self) -> float:
+        """Predicted rotation error of the tool, RMS over the workspace, [mrad]."""
+        return self.forecast.rotation_rms(self.belief.P) * 1e3
+
+    @cached_property
+    def spot_sigma_mm(self) -> float:
+        """Predicted error of a spot, without the noise of seeing it: RMS over configurations with every beam on the screen, [mm].
+
+        nan where such configurations are too rare.
+        """
+        return self.forecast.spot_rms(self.belief.P) / MM
 
     @property
     def x(self) -> Vector:
@@ -179,6 +198,9 @@ class OnlineCalibrator:
         self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards, "stations": stations}
         self._rng = rng or np.random.default_rng(0)
         self._history, self._waiting = History(), list[tuple[int, Measurements]]()
+        self._layouts = Layouts()
+        self._of_spots: Layout | None = None
+        self._ready: dict[Layout, Ready | None] = {}
         self._extra: dict[str, float] = {}
         self._skipped, self._taken = 0, 0
         self._misfit: Misfit | None = None
@@ -242,10 +264,13 @@ class OnlineCalibrator:
             FitRejected: a beam was seen that in the present model does not meet the screen; the pose was not taken.
             UsageError: there is a gate, and noise of what was read is not stated.
         """
-        poses = q if isinstance(q, Measurements) else self._measured(q, readings, sigma)
+        if not isinstance(q, Measurements) and readings is not None and not is_table(q) and not is_table(readings):
+            self._take(self._spots(q, readings, sigma))
+            return self.state
+        poses = q if isinstance(q, Measurements) else self._measured(q, readings)
         require_screen_of_camera(poses)
         for row in range(len(poses)):
-            self._take(poses.subset([row]))
+            self._take(self._layouts.row(poses, row))
         return self.state
 
     def measurements(self) -> Measurements:
@@ -279,8 +304,7 @@ class OnlineCalibrator:
         held = self._history.measurements()
         there = read_at(seen.robot, seen.errors, self.state.x, held, q)
         noise = noise_for(self.state.noise, seen.kinds, there)
-        rows = self._rows[: 3 * self._sizes[0]]
-        M, P = rows.T @ rows / self._sizes[0], self.state.belief.P
+        M, P = self._forecast.of_position, self.state.belief.P
         gain = gains(whitened(self.errors, self._linearised_at, widened(there, self._extra), noise), P, M)
         gain[measured_before(q, held)] = 0.0
         best = int(np.argmax(gain)) if len(gain) else 0
@@ -313,7 +337,7 @@ class OnlineCalibrator:
         }
         return fit(self.robot, data, options=self.options, **how)
 
-    def _measured(self, q: Any, readings: Any, sigma: npt.ArrayLike | None) -> Measurements:
+    def _measured(self, q: Any, readings: Any) -> Measurements:
         """What was given, as measurements."""
         label = [str(self._taken + 1)]
         if is_table(q):
@@ -321,39 +345,60 @@ class OnlineCalibrator:
             number = None if "pose" in table or len(next(iter(table.values()), ())) > 1 else label
             return measurements_from(self.robot, table, readings, poses=number, **self._how)
         positions = np.asarray(q, dtype=float)[None]
-        if is_table(readings):
-            one = {name: np.asarray(value)[None] for name, value in named_columns(readings)}
-            return measurements_from(self.robot, positions, one, poses=label, **self._how)
-        places, expected = np.asarray(readings, dtype=float), (len(self.robot.rig.lasers), 2)
-        if places.shape != expected:
-            raise ShapeMismatch(f"the spots of one pose have shape (lasers, 2) = {expected}, found {places.shape}")
-        stated = None if sigma is None else np.asarray(sigma, dtype=float)[None]
-        return spots_measured(self.robot, positions, places[None], sigma=stated, poses=label)
+        one = {name: np.asarray(value)[None] for name, value in named_columns(readings)}
+        return measurements_from(self.robot, positions, one, poses=label, **self._how)
 
-    def _take(self, pose: Measurements) -> None:
+    def _spots(self, q: Any, spots: Any, sigma: npt.ArrayLike | None) -> Row:
+        """The spots of all lasers; what no array of the right shape can get wrong is looked at in the first ones alone."""
+        positions, places, lasers = np.array(q, dtype=float), np.array(spots, dtype=float), len(self.robot.rig.lasers)
+        if places.shape != (lasers, 2):
+            raise ShapeMismatch(f"the spots of one pose have shape (lasers, 2) = {(lasers, 2)}, found {places.shape}")
+        stated, label = None if sigma is None else np.array(sigma, dtype=float), str(self._taken + 1)
+        sound = positions.shape == (len(self.robot.chain.inputs),) and isfinite(positions @ positions)
+        if self._of_spots is None or not sound or stated is not None or not isfinite(places.sum()):
+            one = spots_measured(self.robot, positions[None], places[None], sigma=None if stated is None else stated[None], poses=[label])
+            row = self._layouts.row(one, 0)
+            self._of_spots = row.layout
+            return row
+        return Row(self._of_spots, positions, tuple(places), None, label)
+
+    def _take(self, row: Row) -> None:
         """One pose: an update of the belief, or a look at the whole history where it shows something new."""
-        if self._gated:
-            _require_stated(pose, self._known)
+        if self._gated and not row.layout.kinds <= self._known.keys():
+            _require_stated(row.measurements(), self._known)
         self._taken += 1
-        if self._seen is None or not self._seen.knows(pose):
-            self._open(pose)
+        ready = self._ready_for(row.layout)
+        if ready is None:
+            self._open(row.measurements())
             return
-        linearisation = self._problem(pose).linearise(self._linearised_at).of_poses(1)
-        if not linearisation.usable:
-            self._refuse(pose, linearisation)
+        seen = ready.at(row)
+        if seen.lost or not isfinite(seen.innovation @ seen.innovation):
+            self._refuse(row, seen)
             return
-        noise = noise_for(self.state.noise, self._seen.kinds, pose)
-        belief, nis = _updated(self.state.belief, linearisation, noise, self._linearised_at)
-        gate = chi_squared_gate(linearisation.count)
+        belief, nis = self.state.belief, 0.0
+        if numbers := len(seen.innovation):
+            belief, nis = update(belief, seen.innovation - seen.H @ (belief.x - self._linearised_at), seen.H, seen.R)
+        gate = chi_squared_gate(numbers)
         if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
-            read = noun(pose.kinds[0]) if len(pose.kinds) == 1 else "readings"
-            self._skip(f"pose {pose.poses[0]}: its {read} are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate)
+            read = noun(ready.kinds[0]) if len(ready.kinds) == 1 else "readings"
+            self._skip(f"pose {row.pose}: its {read} are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate)
             return
-        again = self._history.holds(pose)  # shares what that pose has in common, which an update would take for something new
-        self._history.add(self._taken, pose, again)
+        again = self._history.holds(row.q)  # shares what that pose has in common, which an update would take for something new
+        self._history.add_row(self._taken, row, 0 if again else numbers)
         self._skipped = 0
-        fresh = self._settled(self._history.measurements()) if linearisation.count and (again or self._stale(belief)) else None
+        fresh = self._settled(self._history.measurements()) if numbers and (again or self._stale(belief)) else None
         self._state = self._state_of(*(fresh or (belief, self.state.noise)), nis=nis, gate=gate, relinearised=fresh is not None)
+
+    def _ready_for(self, layout: Layout) -> Ready | None:
+        """What a pose of a layout is made of where the history was linearised; None if it shows what was not seen before."""
+        if layout not in self._ready:
+            known = self._seen is not None and self._seen.knows(layout.template)
+            self._ready[layout] = self._made_ready(layout.template) if known else None
+        return self._ready[layout]
+
+    def _made_ready(self, pose: Measurements) -> Ready:
+        noise = noise_for(self.state.noise, self._seeing.kinds, pose)
+        return Ready(PoseByPose(problem_of(self.errors, pose, noise), self._linearised_at), noise, pose.kinds, self._extra)
 
     def _open(self, pose: Measurements) -> None:
         """A pose that shows what was not seen before: into the belief with all that waits as soon as it can be placed."""
@@ -372,19 +417,16 @@ class OnlineCalibrator:
             self._state = replace(self.state, waiting="the fit of all poses does not come to rest yet", skipped="", relinearised=False)
             return
         for number, waiting in self._waiting:
-            self._history.add(number, waiting, self._history.holds(waiting))
+            self._history.add(number, waiting, self._history.holds(waiting.q[0]))
         self._waiting.clear()
         self._state = self._state_of(*found, relinearised=True)
 
-    def _problem(self, pose: Measurements) -> Problem:
-        return problem_of(self.errors, widened(pose, self._extra), self.state.noise)
-
-    def _refuse(self, pose: Measurements, linearisation: Linearisation) -> None:
+    def _refuse(self, row: Row, seen: Arrived) -> None:
         """A pose that the model cannot produce."""
-        why = f"pose {pose.poses[0]}: a beam was seen that in the present model does not meet the screen; check the joints' units and signs"
+        why = f"pose {row.pose}: a beam was seen that in the present model does not meet the screen; check the joints' units and signs"
         if not self._gated:
             raise FitRejected(why)
-        self._skip(why, np.inf, chi_squared_gate(linearisation.count))
+        self._skip(why, np.inf, chi_squared_gate(len(seen.innovation)))
 
     def _skip(self, why: str, nis: float, gate: float) -> None:
         """The belief as it was, and why."""
@@ -393,8 +435,9 @@ class OnlineCalibrator:
 
     def _stale(self, belief: Belief) -> bool:
         """Whether the history is to be linearised afresh."""
-        moved = np.max(np.abs(belief.x - self._linearised_at) / np.sqrt(np.diag(belief.P)))
-        return bool(moved > _STALE or len(self._history) >= _GROWTH * self._linearised_poses)
+        if len(self._history) >= _GROWTH * self._linearised_poses:
+            return True
+        return bool(((belief.x - self._linearised_at) ** 2 > _STALE**2 * belief.P.diagonal()).any())
 
     def _model_of(self, data: Measurements) -> tuple[Robot, ErrorModel]:
         """The robot as some measurements see it, and its error model before anything is placed."""
@@ -512,15 +555,10 @@ class OnlineCalibrator:
         self._linearised_at, self._linearised_poses = x, poses
         tool = tool_jacobian(seen.robot, seen.errors, x, seen.tool, seen.workspace)
         spots = spot_jacobians(seen.errors, x, seen.views) if len(seen.views) else np.empty((0, 0, 2, len(x)))
-        spots = spots[np.isfinite(spots).all(axis=(1, 2, 3))]
-        self._sizes = len(tool), spots.shape[0] * spots.shape[1]
-        self._rows = np.vstack([part.reshape(-1, len(x)) for part in (tool[:, :3], tool[:, 3:], spots)])
+        self._forecast, self._ready = Forecast.of(tool, spots[np.isfinite(spots).all(axis=(1, 2, 3))]), {}
+        self._prior_variance = seen.errors.sigma**2
 
     def _state_of(self, belief: Belief, noise: Noise, nis: float = 0.0, gate: float = 0.0, relinearised: bool = False) -> OnlineState:
-        variance = np.sum((self._rows @ belief.P) * self._rows, axis=1)
-        n, beams = self._sizes
-        position, rotation, spot = variance[: 3 * n], variance[3 * n : 6 * n], variance[6 * n :]
-        tool = float(np.sqrt(position.sum() / n)) / MM
         state = OnlineState(
             poses=len(self._history),
             belief=belief,
@@ -529,34 +567,26 @@ class OnlineCalibrator:
             gate=gate,
             skipped="",
             relinearised=relinearised,
-            spot_sigma_mm=float(np.sqrt(spot.sum() / beams)) / MM if beams else np.nan,
-            tool_sigma_mm=tool,
-            tool_sigma_max_mm=float(np.sqrt(position.reshape(n, 3).sum(axis=1).max())) / MM,
-            tool_sigma_mrad=float(np.sqrt(rotation.sum() / n)) * 1e3,
             extra_noise=dict(self._extra),
             misfit=self._misfit,
             waiting=self._state.waiting if self._state is not None and self._waiting else "",
             enough=False,
+            forecast=self._forecast,
         )
-        known = noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
-        honest = self._misfit is None or self._misfit.sigmas < _DISHONEST
-        return replace(state, enough=self.target_mm is not None and known and honest and bool(len(self._history)) and tool < self.target_mm)
+        return replace(state, enough=True) if self._is_enough(state) else state
+
+    def _is_enough(self, state: OnlineState) -> bool:
+        """Whether the target is met, and the noise that says so is known and no smaller than it is seen to be."""
+        if self.target_mm is None or not len(self._history) or state.tool_sigma_mm >= self.target_mm:
+            return False
+        known = state.noise.all_stated or self._freedom(self._history.numbers, state) >= _FREEDOM
+        return known and (self._misfit is None or self._misfit.sigmas < _DISHONEST)
 
 
 def _worst(model: Problem, found: Estimate) -> Misfit:
     """Of the kind of reading that scatters most beyond its noise."""
     every = misfits(model.linearise(found.belief.x), found.noise, found.belief.P)
     return max(every, key=lambda own: own.sigmas)
-
-
-def _updated(belief: Belief, linearisation: Linearisation, noise: Noise, at: Vector) -> tuple[Belief, float]:
-    """The belief after one pose that was linearised at some state, (p,), and its normalised innovation squared."""
-    if not linearisation.count:
-        return belief, 0.0
-    weights = noise.weights(linearisation)
-    rows = linearisation.measured.ravel()
-    innovation, H = weights.residual(linearisation)[rows], weights.jacobian(linearisation)[rows]
-    return update(belief, innovation - H @ (belief.x - at), H, np.eye(len(innovation)))
 
 
 def _as_rows(cells: dict[str, Any]) -> dict[str, Any]:
