@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,19 @@ from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.base.terminal import many, rounded
-from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
+from urdfcal.calibration.analysis.arrivals import (
+    WORKSPACE,
+    History,
+    NotYet,
+    Rows,
+    Seen,
+    Thing,
+    in_order,
+    no_spots,
+    placed_instruments,
+    poses_on_screen,
+    ready,
+)
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
 from urdfcal.calibration.extra_noise import MORE, extra_noise, widened
 from urdfcal.calibration.fitting import fit
@@ -56,8 +67,6 @@ _GROWTH = 1.5  # and by how much the history may grow
 _DISHONEST = 4.0  # sigmas of chi-squared beyond which the noise is not what it is taken for
 _MOST_SKIPPED = 3  # poses in a row that a gate may leave out: then it is the belief that is wrong
 _FREEDOM = 10.0  # degrees of freedom from which on the noise is estimated
-_PLENTY = 1.5  # numbers to each of a measuring frame's and a target's before these are found from nothing
-_LEAST_POSES = 3  # and poses
 
 
 @dataclass(frozen=True, repr=False)
@@ -176,14 +185,14 @@ class OnlineCalibrator:
         self._gated, self._joint_sigma, self._tool, self._asked_for = gate, joint_sigma, tool, workspace
         self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards, "stations": stations}
         self._rng = rng or np.random.default_rng(0)
-        self._history, self._waiting = History(), list[tuple[int, Measurements]]()
+        self._history, self._waiting, self._came = History(), list[tuple[int, Measurements]](), Rows(robot)
         self._extra: dict[str, float] = {}
         self._skipped, self._taken = 0, 0
         self._misfit: Misfit | None = None
         self._seen: Seen | None = None
         self._state: OnlineState | None = None
         if (nothing := no_spots(robot)) is not None:
-            self._look_at(nothing, placed=True)
+            self._look_at(nothing, placed=frozenset())
 
     @property
     def errors(self) -> ErrorModel:
@@ -242,6 +251,8 @@ class OnlineCalibrator:
         """
         poses = q if isinstance(q, Measurements) else self._measured(q, readings, sigma)
         require_screen_of_camera(poses)
+        if is_table(q):
+            self._came.keep(self._taken + 1, _as_rows(dict(named_columns(q))))
         for row in range(len(poses)):
             self._take(poses.subset([row]))
         return self.state
@@ -285,7 +296,7 @@ class OnlineCalibrator:
         if is_table(q):
             table = _as_rows(dict(named_columns(q)))
             number = None if "pose" in table or len(next(iter(table.values()), ())) > 1 else label
-            return measurements_from(self.robot, table, readings, poses=number, **self._how)
+            return measurements_from(self.robot, self._came.with_blanks(table), readings, poses=number, **self._how)
         positions = np.asarray(q, dtype=float)[None]
         if is_table(readings):
             one = {name: np.asarray(value)[None] for name, value in named_columns(readings)}
@@ -326,21 +337,51 @@ class OnlineCalibrator:
         self._waiting.append((self._taken, pose))
         if not self._history.count:
             self._history = History()  # without the lasers that were expected
-        every = in_order([*self._history.parts, *self._waiting])
+        self._with_joints_of(pose)
         if not self._history.count:
-            self._look_at(every, placed=False)
+            self._look_at(in_order(self._waiting), placed=None)
+        placed = self._seeing.placed or frozenset()
         try:
-            found = self._settled(every, new=True)
+            rows, placed = ready([pose for _, pose in self._waiting], placed)
+            now = [self._waiting[row] for row in rows]
+            found = self._settled(in_order([*self._history.parts, *now]), placed)
         except NotYet as told:
             self._state = replace(self.state, waiting=str(told), skipped="", relinearised=False)
             return
         if found is None:
             self._state = replace(self.state, waiting="the fit of all poses does not come to rest yet", skipped="", relinearised=False)
             return
-        for number, waiting in self._waiting:
+        for number, waiting in now:
             self._history.add(number, waiting, self._history.holds(waiting))
-        self._waiting.clear()
-        self._state = self._state_of(*found, relinearised=True)
+        self._waiting = [own for row, own in enumerate(self._waiting) if row not in rows]
+        self._state = replace(self._state_of(*found, relinearised=True), waiting=self._what_waits(placed))
+
+    def _what_waits(self, placed: frozenset[Thing]) -> str:
+        """What the poses that are left wait for, in words; empty where none is."""
+        if self._waiting:
+            try:
+                ready([pose for _, pose in self._waiting], placed)
+            except NotYet as told:
+                return str(told)
+        return ""
+
+    def _with_joints_of(self, pose: Measurements) -> None:
+        """Read all rows once more with the joints of one that shows another branch, where it does."""
+        parts = [*self._history.parts, *self._waiting]
+        if all(part.joints == pose.joints for _, part in parts):
+            return
+        again = [(number, self._again(number, part)) for number, part in parts]
+        count, self._history = len(self._history.parts), History()
+        for number, part in again[:count]:
+            self._history.add(number, part, self._history.holds(part))
+        self._waiting = again[count:]
+
+    def _again(self, number: int, part: Measurements) -> Measurements:
+        """A row read once more, as one with all columns that came meanwhile; what did not come as a row stays as it is."""
+        row = self._came.row(number)
+        if row is None or not len(part):
+            return part
+        return measurements_from(self.robot, row, poses=part.poses.tolist() if "pose" not in row else None, **self._how)
 
     def _problem(self, pose: Measurements) -> Problem:
         return problem_of(self.errors, widened(pose, self._extra), self.state.noise)
@@ -368,17 +409,17 @@ class OnlineCalibrator:
         sessions = data.session_names or ("",)
         return robot, with_scale(build_error_model(robot.chain, robot.rig, self.options, sessions), data)[0]
 
-    def _look_at(self, data: Measurements, placed: bool) -> None:
-        """Start from the priors of what some measurements see; what is not `placed` waits."""
+    def _look_at(self, data: Measurements, placed: frozenset[Thing] | None) -> None:
+        """Start from the priors of what some measurements see; where nothing is `placed` all waits."""
         robot, errors = self._model_of(data)
         noise = self._noise_of(data)
         self._seen = self._as_seen(robot, errors, data, placed)
-        if placed:
+        if placed is not None:
             self._history.add(0, data, again=True)
         self._mark(errors.mean)
         self._state = self._state_of(Belief.independent(errors.mean, errors.sigma), noise)
 
-    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: bool = True) -> Seen:
+    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: frozenset[Thing] | None) -> Seen:
         """The same with tool, workspace and views, which stay as long as the robot is seen so."""
         if self._seen is not None and self._seen.robot == robot:
             return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
@@ -386,19 +427,18 @@ class OnlineCalibrator:
         workspace = random_positions(robot, WORKSPACE, self._rng) if self._asked_for is None else self._asked_for
         return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
 
-    def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
+    def _settled(self, data: Measurements, placed: frozenset[Thing] | None = None) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had.
 
         Args:
             data: The history.
-            new: Whether something in it was not placed yet.
+            placed: All that can be placed with it; None for what was placed before.
 
         Raises:
             NotYet: says what it takes to place it.
         """
         robot, errors = self._model_of(data)
-        if new:
-            self._require_enough(errors)
+        placed = self._seeing.placed if placed is None else placed
         noise = self._noise_of(data)
         nominal = placed_instruments(errors, data, noise)
         extra, model = self._extra, problem_of(nominal.errors, widened(data, self._extra), noise)
@@ -410,27 +450,10 @@ class OnlineCalibrator:
             found = self._batch(model, [found.belief.x], noise)
         if not found.converged:
             return None
-        self._seen = self._as_seen(robot, nominal.errors, data)
+        self._seen = self._as_seen(robot, nominal.errors, data, placed)
         self._extra, self._misfit = extra, _worst(model, found)
         self._mark(found.belief.x, len(data))
         return found.belief, found.noise.released(noise)
-
-    def _require_enough(self, errors: ErrorModel) -> None:
-        """Refuse to place what was read too little of.
-
-        Raises:
-            NotYet: says how much there is.
-        """
-        known = set(self.errors.names) if self._history.numbers else set()
-        new = [parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS and parameter.name not in known]
-        wide = sum(parameter.kind != "place" for parameter in new)
-        numbers, needed = sum(pose.numbers for _, pose in self._waiting), ceil(_PLENTY * wide) + len(new) - wide
-        if numbers < needed or (wide and len(self._waiting) < _LEAST_POSES):
-            what = ", ".join(dict.fromkeys(parameter.name.rpartition(".")[0] for parameter in new))
-            poses = f"{many(len(self._waiting), 'pose')} {'waits' if len(self._waiting) == 1 else 'wait'}"
-            raise NotYet(
-                f"{poses} until {what} can be placed: {numbers} numbers were read, it takes {needed} in {_LEAST_POSES} poses or more"
-            )
 
     def _noise_of(self, data: Measurements) -> Noise:
         """Noise as it is stated, or as far as it has been found."""
