@@ -15,7 +15,8 @@ def rigid(T: Array3) -> Mask:
     R = T[:, :3, :3]
     apart = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(axis=(1, 2), initial=0.0)
     below = np.abs(T[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1, initial=0.0)
-    found: Mask = (apart < _RIGID) & (below < _RIGID) & (np.linalg.det(R) > 0) & np.isfinite(T).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        found: Mask = (apart < _RIGID) & (below < _RIGID) & (np.linalg.det(R) > 0) & np.isfinite(T).all(axis=(1, 2))
     return found
 
 

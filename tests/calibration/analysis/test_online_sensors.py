@@ -110,7 +110,9 @@ def test_what_cannot_be_placed_yet_waits(robots: dict[str, Robot], poses: Measur
     calibrator = calibrator_for("pose", robots, poses)
     first = calibrator.update(poses.subset([0]))
     assert first.poses == 0
-    assert first.waiting == "1 pose waits until tool0, world can be placed: 6 numbers were read, it takes 18 in 3 poses or more"
+    assert (
+        first.waiting == "1 pose waits until tool0, the measuring frame can be placed: 6 numbers were read, it takes 18 in 3 poses or more"
+    )
     np.testing.assert_array_equal(first.sigma, calibrator.errors.sigma)
     with pytest.raises(UsageError, match="there is nothing to fit: 1 pose waits until tool0"):
         calibrator.calibration()

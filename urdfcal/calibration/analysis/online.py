@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, isfinite
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,19 @@ from urdfcal.base.errors import FitRejected, ShapeMismatch, UsageError, no_such
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Matrix, Vector
 from urdfcal.base.terminal import many, rounded
-from urdfcal.calibration.analysis.arrivals import WORKSPACE, History, NotYet, Seen, in_order, no_spots, placed_instruments, poses_on_screen
+from urdfcal.calibration.analysis.arrivals import (
+    WORKSPACE,
+    History,
+    NotYet,
+    Rows,
+    Seen,
+    Thing,
+    in_order,
+    no_spots,
+    placed_instruments,
+    poses_on_screen,
+    ready,
+)
 from urdfcal.calibration.analysis.forecast import Forecast
 from urdfcal.calibration.analysis.next_pose import NextPose, measured_before, read_at, whitened
 from urdfcal.calibration.analysis.prediction import default_tool, spot_jacobians, tool_jacobian
@@ -61,8 +73,6 @@ _GROWTH = 1.5  # and by how much the history may grow
 _DISHONEST = 4.0  # sigmas of chi-squared beyond which the noise is not what it is taken for
 _MOST_SKIPPED = 3  # poses in a row that a gate may leave out: then it is the belief that is wrong
 _FREEDOM = 10.0  # degrees of freedom from which on the noise is estimated
-_PLENTY = 1.5  # numbers to each of a measuring frame's and a target's before these are found from nothing
-_LEAST_POSES = 3  # and poses
 
 
 @dataclass(frozen=True, repr=False)
@@ -197,7 +207,7 @@ class OnlineCalibrator:
         self._gated, self._joint_sigma, self._tool, self._asked_for = gate, joint_sigma, tool, workspace
         self._how: dict[str, Any] = {"reference": reference, "camera": camera, "boards": boards, "stations": stations}
         self._rng = rng or np.random.default_rng(0)
-        self._history, self._waiting = History(), list[tuple[int, Measurements]]()
+        self._history, self._waiting, self._came = History(), list[tuple[int, Measurements]](), Rows(robot)
         self._layouts = Layouts()
         self._of_spots: Layout | None = None
         self._ready: dict[Layout, Ready | None] = {}
@@ -207,7 +217,7 @@ class OnlineCalibrator:
         self._seen: Seen | None = None
         self._state: OnlineState | None = None
         if (nothing := no_spots(robot)) is not None:
-            self._look_at(nothing, placed=True)
+            self._look_at(nothing, placed=frozenset())
 
     @property
     def errors(self) -> ErrorModel:
@@ -269,6 +279,8 @@ class OnlineCalibrator:
             return self.state
         poses = q if isinstance(q, Measurements) else self._measured(q, readings)
         require_screen_of_camera(poses)
+        if is_table(q):
+            self._came.keep(self._taken + 1, _as_rows(dict(named_columns(q))))
         for row in range(len(poses)):
             self._take(self._layouts.row(poses, row))
         return self.state
@@ -299,7 +311,7 @@ class OnlineCalibrator:
         names = seen.robot.chain.input_names
         if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
             raise ShapeMismatch(f"next_pose: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
-        if not seen.placed:
+        if seen.placed is None:
             raise UsageError(f"next_pose: {self.state.waiting or 'nothing is placed yet'}; begin with poses that differ in every joint")
         held = self._history.measurements()
         there = read_at(seen.robot, seen.errors, self.state.x, held, q)
@@ -343,7 +355,7 @@ class OnlineCalibrator:
         if is_table(q):
             table = _as_rows(dict(named_columns(q)))
             number = None if "pose" in table or len(next(iter(table.values()), ())) > 1 else label
-            return measurements_from(self.robot, table, readings, poses=number, **self._how)
+            return measurements_from(self.robot, self._came.with_blanks(table), readings, poses=number, **self._how)
         positions = np.asarray(q, dtype=float)[None]
         one = {name: np.asarray(value)[None] for name, value in named_columns(readings)}
         return measurements_from(self.robot, positions, one, poses=label, **self._how)
@@ -367,11 +379,11 @@ class OnlineCalibrator:
         if self._gated and not row.layout.kinds <= self._known.keys():
             _require_stated(row.measurements(), self._known)
         self._taken += 1
-        ready = self._ready_for(row.layout)
-        if ready is None:
+        one = self._ready_for(row.layout)
+        if one is None:
             self._open(row.measurements())
             return
-        seen = ready.at(row)
+        seen = one.at(row)
         if seen.lost or not isfinite(seen.innovation @ seen.innovation):
             self._refuse(row, seen)
             return
@@ -380,7 +392,7 @@ class OnlineCalibrator:
             belief, nis = update(belief, seen.innovation - seen.H @ (belief.x - self._linearised_at), seen.H, seen.R)
         gate = chi_squared_gate(numbers)
         if self._gated and nis > gate and self._skipped < _MOST_SKIPPED:
-            read = noun(ready.kinds[0]) if len(ready.kinds) == 1 else "readings"
+            read = noun(one.kinds[0]) if len(one.kinds) == 1 else "readings"
             self._skip(f"pose {row.pose}: its {read} are {np.sqrt(nis / gate):.1f} times as far off as the belief allows", nis, gate)
             return
         again = self._history.holds(row.q)  # shares what that pose has in common, which an update would take for something new
@@ -405,21 +417,51 @@ class OnlineCalibrator:
         self._waiting.append((self._taken, pose))
         if not self._history.count:
             self._history = History()  # without the lasers that were expected
-        every = in_order([*self._history.parts, *self._waiting])
+        self._with_joints_of(pose)
         if not self._history.count:
-            self._look_at(every, placed=False)
+            self._look_at(in_order(self._waiting), placed=None)
+        placed = self._seeing.placed or frozenset()
         try:
-            found = self._settled(every, new=True)
+            rows, placed = ready([pose for _, pose in self._waiting], placed)
+            now = [self._waiting[row] for row in rows]
+            found = self._settled(in_order([*self._history.parts, *now]), placed)
         except NotYet as told:
             self._state = replace(self.state, waiting=str(told), skipped="", relinearised=False)
             return
         if found is None:
             self._state = replace(self.state, waiting="the fit of all poses does not come to rest yet", skipped="", relinearised=False)
             return
-        for number, waiting in self._waiting:
+        for number, waiting in now:
             self._history.add(number, waiting, self._history.holds(waiting.q[0]))
-        self._waiting.clear()
-        self._state = self._state_of(*found, relinearised=True)
+        self._waiting = [own for row, own in enumerate(self._waiting) if row not in rows]
+        self._state = replace(self._state_of(*found, relinearised=True), waiting=self._what_waits(placed))
+
+    def _what_waits(self, placed: frozenset[Thing]) -> str:
+        """What the poses that are left wait for, in words; empty where none is."""
+        if self._waiting:
+            try:
+                ready([pose for _, pose in self._waiting], placed)
+            except NotYet as told:
+                return str(told)
+        return ""
+
+    def _with_joints_of(self, pose: Measurements) -> None:
+        """Read all rows once more with the joints of one that shows another branch, where it does."""
+        parts = [(number, part.measurements() if isinstance(part, Row) else part) for number, part in self._history.parts]
+        if all(part.joints == pose.joints for _, part in (*parts, *self._waiting)):
+            return
+        again = [(number, self._again(number, part)) for number, part in (*parts, *self._waiting)]
+        count, self._history = len(parts), History()
+        for number, part in again[:count]:
+            self._history.add(number, part, len(part) > 0 and self._history.holds(part.q[0]))
+        self._waiting = again[count:]
+
+    def _again(self, number: int, part: Measurements) -> Measurements:
+        """A row read once more, as one with all columns that came meanwhile; what did not come as a row stays as it is."""
+        row = self._came.row(number)
+        if row is None or not len(part):
+            return part
+        return measurements_from(self.robot, row, poses=part.poses.tolist() if "pose" not in row else None, **self._how)
 
     def _refuse(self, row: Row, seen: Arrived) -> None:
         """A pose that the model cannot produce."""
@@ -445,17 +487,17 @@ class OnlineCalibrator:
         sessions = data.session_names or ("",)
         return robot, with_scale(build_error_model(robot.chain, robot.rig, self.options, sessions), data)[0]
 
-    def _look_at(self, data: Measurements, placed: bool) -> None:
-        """Start from the priors of what some measurements see; what is not `placed` waits."""
+    def _look_at(self, data: Measurements, placed: frozenset[Thing] | None) -> None:
+        """Start from the priors of what some measurements see; where nothing is `placed` all waits."""
         robot, errors = self._model_of(data)
         noise = self._noise_of(data)
         self._seen = self._as_seen(robot, errors, data, placed)
-        if placed:
+        if placed is not None:
             self._history.add(0, data, again=True)
         self._mark(errors.mean)
         self._state = self._state_of(Belief.independent(errors.mean, errors.sigma), noise)
 
-    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: bool = True) -> Seen:
+    def _as_seen(self, robot: Robot, errors: ErrorModel, data: Measurements, placed: frozenset[Thing] | None) -> Seen:
         """The same with tool, workspace and views, which stay as long as the robot is seen so."""
         if self._seen is not None and self._seen.robot == robot:
             return replace(self._seen, errors=errors, kinds=data.kinds, placed=placed)
@@ -463,19 +505,18 @@ class OnlineCalibrator:
         workspace = random_positions(robot, WORKSPACE, self._rng) if self._asked_for is None else self._asked_for
         return Seen(robot, errors, data.kinds, tool, workspace, poses_on_screen(robot, errors, self._rng), placed)
 
-    def _settled(self, data: Measurements, new: bool = False) -> tuple[Belief, Noise] | None:
+    def _settled(self, data: Measurements, placed: frozenset[Thing] | None = None) -> tuple[Belief, Noise] | None:
         """The maximum a posteriori belief of the whole history, and the noise that it finds; None if it cannot be had.
 
         Args:
             data: The history.
-            new: Whether something in it was not placed yet.
+            placed: All that can be placed with it; None for what was placed before.
 
         Raises:
             NotYet: says what it takes to place it.
         """
         robot, errors = self._model_of(data)
-        if new:
-            self._require_enough(errors)
+        placed = self._seeing.placed if placed is None else placed
         noise = self._noise_of(data)
         nominal = placed_instruments(errors, data, noise)
         extra, model = self._extra, problem_of(nominal.errors, widened(data, self._extra), noise)
@@ -487,27 +528,10 @@ class OnlineCalibrator:
             found = self._batch(model, [found.belief.x], noise)
         if not found.converged:
             return None
-        self._seen = self._as_seen(robot, nominal.errors, data)
+        self._seen = self._as_seen(robot, nominal.errors, data, placed)
         self._extra, self._misfit = extra, _worst(model, found)
         self._mark(found.belief.x, len(data))
         return found.belief, found.noise.released(noise)
-
-    def _require_enough(self, errors: ErrorModel) -> None:
-        """Refuse to place what was read too little of.
-
-        Raises:
-            NotYet: says how much there is.
-        """
-        known = set(self.errors.names) if self._history.numbers else set()
-        new = [parameter for parameter in errors.parameters if parameter.kind in INSTRUMENTS and parameter.name not in known]
-        wide = sum(parameter.kind != "place" for parameter in new)
-        numbers, needed = sum(pose.numbers for _, pose in self._waiting), ceil(_PLENTY * wide) + len(new) - wide
-        if numbers < needed or (wide and len(self._waiting) < _LEAST_POSES):
-            what = ", ".join(dict.fromkeys(parameter.name.rpartition(".")[0] for parameter in new))
-            poses = f"{many(len(self._waiting), 'pose')} {'waits' if len(self._waiting) == 1 else 'wait'}"
-            raise NotYet(
-                f"{poses} until {what} can be placed: {numbers} numbers were read, it takes {needed} in {_LEAST_POSES} poses or more"
-            )
 
     def _noise_of(self, data: Measurements) -> Noise:
         """Noise as it is stated, or as far as it has been found."""

@@ -156,10 +156,12 @@ class Layouts:
 
     def _of(self, data: Measurements, index: int) -> Layout:
         readings = tuple((own.sensor, own.target, own.link, own.instrument, str(own.labels[index])) for own in data.readings)
+        on = {target.name: target.placed_by for target in data.instruments.targets}
+        shown = frozenset((own.sensor, on.get(own.target, own.target), own.instrument) for own in data.readings if own.seen[index])
         said = tuple(getattr(data, name) is None for name in _FACTS)
         cameras = (id(data.camera), *((name, id(camera)) for name, camera in data.cameras.items()))  # templates keep them alive
         made_with = data.joints, data.reference, data.lengths, cameras, tuple(data.stations.items()), tuple(data.boards.items())
-        key = made_with, readings, said, str(data.sets[index]), str(data.sessions[index])
+        key = made_with, readings, shown, said, str(data.sets[index]), str(data.sessions[index])
         if key not in self._known:
             self._known[key] = Layout(data.subset([index]))
         return self._known[key]
