@@ -21,6 +21,7 @@ from urdfcal.base.minus import with_minus
 from urdfcal.base.progress import each
 from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.compensation import Compensation, compensation_files, in_memory
+from urdfcal.calibration.analysis.left_out import LeftOut
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.interview import Interview
 from urdfcal.calibration.asking.questions import HEARD
@@ -31,7 +32,7 @@ from urdfcal.calibration.richer import LEAST_GAIN, log_evidence, usual_range
 from urdfcal.estimation.ekf import Belief, Estimate, iterated_schedule, posterior
 from urdfcal.estimation.evidence import by_evidence
 from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.residual import Linearise
+from urdfcal.estimation.residual import Linearisation, Linearise
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.found_frames import found_frames
 from urdfcal.model.gravity import Gravity, WeighedRobot
@@ -39,7 +40,6 @@ from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gear_ter
 from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.placed_frames import NO_FRAMES, FramesWish, frame_origins, with_frames
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.repeats import first_rows
 
 FOLDS = 5
@@ -276,10 +276,10 @@ class _Setup:
         if folds < 2:
             return None
         noise, unit = alone.estimate.noise, main_unit(error_table(alone.model.linearise(alone.estimate.belief.x), len(self.data)))
-        sums = np.zeros((2, 3))
+        sums, both = np.zeros((2, 3)), [LeftOut(fitted.model, fitted.estimate) for fitted in (alone, whole)]
         for held in each(np.array_split(rng.permutation(len(poses)), folds), "part of the poses left out", folds):
             rows = held if len(poses) == len(where) else np.flatnonzero(np.isin(where, held))
-            sums += [_left_out(fitted, noise, self.data, rows, unit) for fitted in (alone, whole)]
+            sums += [_sizes(own.of(rows), noise, len(rows), unit) for own in both]
         geometry, sag = np.sqrt(sums[:, 0] / np.maximum(sums[:, 1], 1)).tolist()
         return HeldOut(geometry, sag, folds, unit, float(np.sqrt(sums[1, 2] / sums[0, 2])) if sums[0, 2] else 1.0)
 
@@ -346,16 +346,8 @@ def _run(linearise: Linearise, errors: ErrorModel, noise: Noise, start: Vector) 
     return iterated_schedule(linearise, Belief.independent(errors.mean, errors.sigma), noise, start=start)
 
 
-def _left_out(fitted: _Fitted, usual: Noise, data: Measurements, rows: Rows, unit: str) -> tuple[float, float, float]:
-    """Some poses under a fit of all others, priors and noise as they are.
-
-    Returns:
-        Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise.
-    """
-    kept = data.subset(np.setdiff1d(np.arange(len(data)), rows))
-    noise = fitted.estimate.noise.hold()
-    found = _run(problem_of(fitted.errors, kept, noise).linearise, fitted.errors, noise, fitted.estimate.belief.x)
-    linearisation = Problem(fitted.errors, data.subset(rows)).linearise(found.belief.x)
-    own = [row for row in error_table(linearisation, len(rows)).values() if row.unit == unit]
-    weighed = (linearisation.residual / usual.of_numbers(linearisation))[: len(rows)][linearisation.measured[: len(rows)]]
+def _sizes(linearisation: Linearisation, usual: Noise, count: int, unit: str) -> tuple[float, float, float]:
+    """Sum of the squared distances in a unit, how many there are, and the sum of all squared residuals in units of the usual noise."""
+    own = [row for row in error_table(linearisation, count).values() if row.unit == unit]
+    weighed = (linearisation.residual / usual.of_numbers(linearisation))[:count][linearisation.measured[:count]]
     return sum(row.n * (row.mean**2 + row.std**2) for row in own), sum(row.n for row in own), float(weighed @ weighed)
