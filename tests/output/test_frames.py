@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tests.support.small_robot import robot_of
 from urdfcal.api import Calibration, Measurements, Robot, fit, load_robot, measurements_from
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.output.stored import StoredCalibration, read_calibration
-from urdfcal.output.text.frames import frame_lines
+from urdfcal.output.text.frames import frame_lines, undetermined
 from urdfcal.robot.placed_frames import FramesWish
 from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.measurements_csv import write_measurements
@@ -108,7 +109,7 @@ def test_the_command_line_python_and_a_stored_calibration_write_one_robot(
             assert run_cli("apply", folder / "cell.urdf", "a_calibration.yaml", "-o", "bare.urdf").code == 0
         words = "apply", robot, "a_calibration.yaml", *ALL, "--frame", "eye", "--frame", "leica=tracker", "-o", "b.urdf", "--overwrite"
         applied = run_cli(*words, "--json", "-q")
-        assert json.loads(applied.out)["frames"] == {"written": {"eye": "lens"}, "added": {"tracker": "base"}}
+        assert json.loads(applied.out)["frames_in_urdf"] == {"written": {"eye": "lens"}, "added": {"tracker": "base"}}
         for name, place in placements(Path("b.urdf").read_bytes()).items():
             assert_poses_close(place, wanted[name], mm=1e-6, mrad=1e-6)
     in_python = placements(calibration.urdf(write_frames=True, add_frames=True, only={"eye": "", "leica": "tracker"}))
@@ -204,6 +205,20 @@ def test_an_unknown_frame_is_refused_in_python(calibration: Calibration) -> None
     """The same names, and the same words, as on the command line."""
     with pytest.raises(UsageError, match="no frame named 'nose' among 3 frames"):
         calibration.urdf(write_frames=True, only=["nose"])
+
+
+def test_what_goes_into_a_urdf_undetermined_is_told(rng: np.random.Generator) -> None:
+    """A warning names the frame and the numbers of it that the data did not decide, or that something else carries."""
+    own = cell(rng)
+    number = own.errors.names.index("tool.rot_x")
+    fewer = replace(own.errors, parameters=tuple(np.delete(np.array(own.errors.parameters), number)), carried={"tool.rot_x": "a joint"})
+    own = replace(own, errors=fewer, x=np.delete(own.x, number), P=np.delete(np.delete(own.P, number, 0), number, 1))
+    decided = [name for name in own.errors.names if name not in ("tool.rot_z", "leica.trans_x")]
+    chosen = FramesWish(write=True, add=True).chosen(own.frames(decided), own.robot.tree)
+    assert undetermined((*chosen.written, *chosen.added)) == [
+        "tool: rot_x, rot_z of this frame are not determined by the data; the URDF has what its prior left",
+        "leica: trans_x of this frame is not determined by the data; the URDF has what its prior left",
+    ]
 
 
 BROKEN = {
