@@ -250,7 +250,7 @@ def test_a_calibration_may_hold_frames_alone(calibration: Calibration, content: 
     assert set(alone.origins_for(calibration.robot, frames=chosen)[0]) == {frame.joint for frame in chosen.written} == {"lens", "flange"}
 
 
-@pytest.mark.parametrize("name", ["origins-yaml", "tesseract", "urdf"])
+@pytest.mark.parametrize("name", ["origins-yaml", "tesseract", "urdf", "rising"])
 def test_formats_that_have_fixed_joints_hold_links_that_stand_for_frames(name: str, rng: np.random.Generator) -> None:
     """The fixed joint of a written frame is in them."""
     from tests.robot.test_placed_frames import ALL as EVERY
@@ -259,4 +259,4 @@ def test_formats_that_have_fixed_joints_hold_links_that_stand_for_frames(name: s
     own = cell(rng)
     content = deployed(own, EVERY.chosen(own.frames(), own.robot.tree)).content(name).decode()
     assert "flange" in content
-    assert ("leica" in content) == (name == "urdf")
+    assert ("leica" in content) == (name in ("urdf", "rising"))
