@@ -151,7 +151,7 @@ def test_people_are_told_what_would_change(calibration: Calibration, folder: Pat
     lines = frame_lines(calibration, FramesWish(), folder / "c.yaml")
     assert lines[1].startswith(f"The calibrated robot is without these frames ({folder / 'c.yaml'} has their poses")
     told = "\n".join(lines)
-    assert re.search(r"eye would move \d[.\d]* mm, 0\.\d+ deg: --write-frames", told)
+    assert re.search(r"eye would move \d[.\d]* mm, 0\.\d+ deg \(± \d[.\d]* mm, 0\.\d+ deg\): --write-frames", told)
     assert "frame of leica: --add-frames adds it to 'base' as the link 'leica' ('base' is the root, which no joint places)" in told
     assert re.search(r"tool, 1\d\d mm, \d[.\d]* deg off 'tool': ", told)
     assert "--add-frames adds it as the link 'tool_target'; --write-frames would move 'tool' there, with finger" in told
