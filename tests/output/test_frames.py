@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tests.support.small_robot import robot_of
 from urdfcal.api import Calibration, Measurements, Robot, fit, load_robot, measurements_from
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.output.stored import StoredCalibration, read_calibration
-from urdfcal.output.text.frames import frame_lines
+from urdfcal.output.text.frames import frame_lines, undetermined
 from urdfcal.robot.placed_frames import FramesWish
 from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.measurements_csv import write_measurements
@@ -108,7 +109,7 @@ def test_the_command_line_python_and_a_stored_calibration_write_one_robot(
             assert run_cli("apply", folder / "cell.urdf", "a_calibration.yaml", "-o", "bare.urdf").code == 0
         words = "apply", robot, "a_calibration.yaml", *ALL, "--frame", "eye", "--frame", "leica=tracker", "-o", "b.urdf", "--overwrite"
         applied = run_cli(*words, "--json", "-q")
-        assert json.loads(applied.out)["frames"] == {"written": {"eye": "lens"}, "added": {"tracker": "base"}}
+        assert json.loads(applied.out)["frames_in_urdf"] == {"written": {"eye": "lens"}, "added": {"tracker": "base"}}
         for name, place in placements(Path("b.urdf").read_bytes()).items():
             assert_poses_close(place, wanted[name], mm=1e-6, mrad=1e-6)
     in_python = placements(calibration.urdf(write_frames=True, add_frames=True, only={"eye": "", "leica": "tracker"}))
@@ -150,7 +151,7 @@ def test_people_are_told_what_would_change(calibration: Calibration, folder: Pat
     lines = frame_lines(calibration, FramesWish(), folder / "c.yaml")
     assert lines[1].startswith(f"The calibrated robot is without these frames ({folder / 'c.yaml'} has their poses")
     told = "\n".join(lines)
-    assert re.search(r"eye would move \d[.\d]* mm, 0\.\d+ deg: --write-frames", told)
+    assert re.search(r"eye would move \d[.\d]* mm, 0\.\d+ deg \(± \d[.\d]* mm, 0\.\d+ deg\): --write-frames", told)
     assert "frame of leica: --add-frames adds it to 'base' as the link 'leica' ('base' is the root, which no joint places)" in told
     assert re.search(r"tool, 1\d\d mm, \d[.\d]* deg off 'tool': ", told)
     assert "--add-frames adds it as the link 'tool_target'; --write-frames would move 'tool' there, with finger" in told
@@ -206,6 +207,20 @@ def test_an_unknown_frame_is_refused_in_python(calibration: Calibration) -> None
         calibration.urdf(write_frames=True, only=["nose"])
 
 
+def test_what_goes_into_a_urdf_undetermined_is_told(rng: np.random.Generator) -> None:
+    """A warning names the frame and the numbers of it that the data did not decide, or that something else carries."""
+    own = cell(rng)
+    number = own.errors.names.index("tool.rot_x")
+    fewer = replace(own.errors, parameters=tuple(np.delete(np.array(own.errors.parameters), number)), carried={"tool.rot_x": "a joint"})
+    own = replace(own, errors=fewer, x=np.delete(own.x, number), P=np.delete(np.delete(own.P, number, 0), number, 1))
+    decided = [name for name in own.errors.names if name not in ("tool.rot_z", "leica.trans_x")]
+    chosen = FramesWish(write=True, add=True).chosen(own.frames(decided), own.robot.tree)
+    assert undetermined((*chosen.written, *chosen.added)) == [
+        "tool: rot_x, rot_z of this frame are not determined by the data; the URDF has what its prior left",
+        "leica: trans_x of this frame is not determined by the data; the URDF has what its prior left",
+    ]
+
+
 BROKEN = {
     "covariance": (("covariance", [[0.0] * 6 for _ in range(5)]), "entry 'frames.0.covariance.5': Field required"),
     "known": (("known", ["yaw"]), "entry 'frames.0.known.0': Input should be 'trans_x'"),
@@ -235,7 +250,7 @@ def test_a_calibration_may_hold_frames_alone(calibration: Calibration, content: 
     assert set(alone.origins_for(calibration.robot, frames=chosen)[0]) == {frame.joint for frame in chosen.written} == {"lens", "flange"}
 
 
-@pytest.mark.parametrize("name", ["origins-yaml", "tesseract", "urdf"])
+@pytest.mark.parametrize("name", ["origins-yaml", "tesseract", "urdf", "rising"])
 def test_formats_that_have_fixed_joints_hold_links_that_stand_for_frames(name: str, rng: np.random.Generator) -> None:
     """The fixed joint of a written frame is in them."""
     from tests.robot.test_placed_frames import ALL as EVERY
@@ -244,4 +259,4 @@ def test_formats_that_have_fixed_joints_hold_links_that_stand_for_frames(name: s
     own = cell(rng)
     content = deployed(own, EVERY.chosen(own.frames(), own.robot.tree)).content(name).decode()
     assert "flange" in content
-    assert ("leica" in content) == (name == "urdf")
+    assert ("leica" in content) == (name in ("urdf", "rising"))

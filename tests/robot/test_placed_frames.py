@@ -13,16 +13,20 @@ import pytest
 
 from tests.support.framed_cell import TEXT, Cell, cell
 from tests.support.helpers import assert_poses_close
+from tests.support.sensor_cases import CASES, setup_of
 from tests.support.small_robot import joint, robot_of
 from urdfcal.base.errors import RigError, RobotError, UsageError
 from urdfcal.base.geometry import SE3
 from urdfcal.model.jacobian import arm_motion
 from urdfcal.output.formats import Deployed
+from urdfcal.robot.configurations import random_positions, whole_configurations
 from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.placed_frames import NOTE, Chosen, FramesWish, frame_origins, frames_wish
+from urdfcal.robot.rig import SIX
+from urdfcal.robot.robot import Robot
 
 ALL = FramesWish(write=True, add=True)
-CASES = {"one session": ("",), "moved": ("", "later")}
+SESSIONS = {"one session": ("",), "moved": ("", "later")}
 
 
 def deployed(own: Cell, chosen: Chosen[FoundFrame]) -> Deployed:
@@ -41,7 +45,7 @@ def predicted(own: Cell, q: np.ndarray, session: str) -> Iterator[tuple[str, str
                 yield frame.name.removesuffix(":0"), frames[there].name, pin.SE3(R, p)
 
 
-@pytest.mark.parametrize("sessions", CASES.values(), ids=list(CASES))
+@pytest.mark.parametrize("sessions", SESSIONS.values(), ids=list(SESSIONS))
 def test_what_is_written_is_what_the_calibration_predicts(sessions: tuple[str, ...], rng: np.random.Generator) -> None:
     """Pinocchio and yourdfpy read every target in every instrument where the state has it, at any pose, to 1e-9."""
     from yourdfpy import URDF
@@ -72,6 +76,29 @@ def test_what_is_written_is_what_the_calibration_predicts(sessions: tuple[str, .
                     continue
                 np.testing.assert_allclose(found.homogeneous, expected.homogeneous, atol=1e-9)
                 np.testing.assert_allclose(again, expected.homogeneous, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_kind_of_sensor_finds_what_the_calibration_predicts(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """Whatever reads, on whatever link that is carried or stands, the written robot has targets where the state has them, to 1e-9."""
+    setup = setup_of(CASES[name], robots, rng)
+    own = Cell(setup.robot, setup.errors, setup.x, np.zeros((len(setup.x), len(setup.x))))
+    frames, seen = own.frames(), setup.robot.rig.instruments
+    chosen = ALL.chosen(frames, setup.robot.tree) if frames else Chosen((), ())
+    link = {target.placed_by: target.link for target in seen.targets} | {instrument.name: instrument.link for instrument in seen.every}
+    model, q = robot_of(deployed(own, chosen).content("urdf")).model, random_positions(setup.robot, 1, rng)[0]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, whole_configurations(setup.robot, q[None])[0])
+    for session in setup.errors.sessions:
+        now = {frame.label: frame for frame in (*chosen.written, *chosen.added) if frame.session in ("", session)}
+        ends = link | {label: frame.child if frame in chosen.added else frame.link for label, frame in now.items()}
+        for target, instrument, expected in predicted(own, q, session):
+            there, here = (data.oMf[model.getFrameId(ends[end])] for end in (instrument, target))
+            found, known = there.actInv(here), now[target].found if target in now else SIX
+            if SIX[0] in known:
+                np.testing.assert_allclose(found.translation, expected.translation, atol=1e-9)
+            if SIX[3] in known:
+                np.testing.assert_allclose(found.rotation, expected.rotation, atol=1e-9)
 
 
 def test_every_other_byte_stays(rng: np.random.Generator) -> None:

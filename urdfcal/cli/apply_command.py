@@ -140,10 +140,7 @@ def apply(
     places = {name: str(place) for name, place in plan.places.items()}
     machine: dict[str, Any] = {"urdf": places.get("urdf"), "files": places, "corrected": list(origins), "missing": missing}
     if wish:
-        machine["frames"] = {
-            "written": {own.link: own.joint for own in frames.written},
-            "added": {own.child: own.link for own in frames.added},
-        }
+        machine["frames_in_urdf"] = frames.entry()
     finish(
         machine if as_json else None,
         "\n".join([*told_of, f"wrote {listed(outputs)} with {many(len(origins), 'corrected origin')}{beside_note(plan)}"])

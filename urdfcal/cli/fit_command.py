@@ -374,7 +374,8 @@ def fit(
     deliver(files, [place for place in files if place not in outputs.places.values()])
     if as_json:
         bending_told = sag_json(bent, outputs.compensation in files) if bent else None
-        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told}
+        placed = frames.chosen(calibration.frames, arm.tree).entry()
+        written = {"files": {name: str(place) for name, place in outputs.places.items()}, "sag": bending_told, "frames_in_urdf": placed}
         show(calibration_json(calibration) | extra.machine() | written, [])
     else:
         record = outputs.places.get("calibration")

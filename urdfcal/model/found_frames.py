@@ -122,6 +122,8 @@ def _session(errors: ErrorModel, slot: Slot, site: FrameSite) -> str:
 
 
 def _undetermined(errors: ErrorModel, slot: Slot, site: FrameSite, determined: Collection[str]) -> tuple[str, ...]:
+    """Which of a frame's six the data did not decide, those included that something else carries."""
     session = _session(errors, slot, site)
     label = slot.label if session == errors.sessions[0] else f"{slot.label}:{session}"
-    return tuple(name for name in slot.names if (whole := f"{label}.{name}") in errors.column and whole not in determined)
+    left = {*errors.names, *errors.carried} - {*determined}
+    return tuple(name for name in slot.names if f"{label}.{name}" in left)

@@ -83,6 +83,13 @@ class Chosen(Generic[Site]):
     written: tuple[Site, ...] = ()
     added: tuple[Site, ...] = ()
 
+    def entry(self) -> dict[str, dict[str, str]]:
+        """For machines: links that stand for frames, with their joints, and new links, with what they are on."""
+        return {
+            "written": {frame.link: frame.joint for frame in self.written},
+            "added": {frame.child: frame.link for frame in self.added},
+        }
+
 
 NO_FRAMES = FramesWish()
 

@@ -28,8 +28,9 @@ def frame_lines(calibration: FitResult, wish: FramesWish, record: Path | None) -
     names = {(frame.label, frame.session) for frame in (*chosen.written, *chosen.added)}
     left = [offered(frame) for frame in frames if (frame.label, frame.session) not in names]
     kept = "" if record is None else f" ({record} has their poses, covariances and static transforms)"
-    title = "The calibrated robot has these frames now:" if done else f"The calibrated robot is without these frames{kept}:"
-    return ["", title, *(f"  {line}" for line in (*done, *left))]
+    lines = ["", "The calibrated robot has these frames now:", *(f"  {line}" for line in done)] if done else []
+    without = "It is without these" if done else "The calibrated robot is without these frames"
+    return [*lines, *([] if done else [""]), *([f"{without}{kept}:", *(f"  {line}" for line in left)] if left else [])]
 
 
 def offered(frame: FoundFrame) -> str:
@@ -41,7 +42,7 @@ def offered(frame: FoundFrame) -> str:
             f"{frame.name}, {moved_in_words(frame)} off '{frame.link}': --add-frames adds it as the link '{frame.child}'; "
             f"--write-frames would move '{frame.link}' there{_along(frame)}"
         )
-    return f"{frame.link} would move {moved_in_words(frame)}{_along(frame)}: --write-frames"
+    return f"{frame.link} would move {moved_in_words(frame)} (± {_sigmas(frame)}){_along(frame)}: --write-frames"
 
 
 def written(frame: FoundFrame) -> str:
@@ -62,6 +63,12 @@ def moved_in_words(frame: FoundFrame) -> str:
     if not frame.placed:
         return f"{_size(angle / DEG)} deg (of axes alone: its origin stays)"
     return f"{_size(length / MM)} mm, {_size(angle / DEG)} deg"
+
+
+def _sigmas(frame: FoundFrame) -> str:
+    """`0.11 mm, 0.01 deg`: what single numbers of it are unsure by."""
+    halves = ((frame.placed, slice(3), MM, "mm"), (frame.turned, slice(3, 6), DEG, "deg"))
+    return ", ".join(f"{rounded(frame.sigma(half) / size, 2)} {unit}" for known, half, size, unit in halves if known)
 
 
 def undetermined(frames: Sequence[FoundFrame]) -> list[str]:
