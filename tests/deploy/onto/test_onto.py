@@ -211,7 +211,7 @@ REFUSED = {
     "a URDF": (URDF, "", "", "that is a URDF"),
     "old": (SDF, 'version="1.9"', 'version="1.4"', "is SDF 1.4"),
     "circle": (SDF, "relative_to='turn'", "relative_to='upper'", "its pose is relative to itself"),
-    "one name": (SDF, "<joint name=\"lift\"", "<joint name=\"lower\"", "<joint lower>: a <link> is called so, too"),
+    "one name": (SDF, '<joint name="lift"', '<joint name="lower"', "<joint lower>: a <link> is called so, too"),
     "no frame": (SDF, "relative_to='turn'", "relative_to='turns'", "no link, joint or frame named 'turns'"),
     "five": (SDF, '<pose relative_to="lower">0.2 0 0 0 0 0', '<pose relative_to="lower">0.2 0 0 0 0', "found 5 numbers, expected 6"),
     "child": (SDF, "<child>upper</child>", "", "has no <child>"),
