@@ -81,7 +81,7 @@ def test_imports_that_make_no_sense_are_refused(run_cli: Callable, truths: tuple
     Path("dh.csv").write_text("joint,d_a\njoint1,1e-3\n")
     for words, said in (
         ((ARM7, ARM7), "there is nothing to import"),
-        ((ARM7, "dh.csv"), "a table of D-H errors needs --convention"),
+        ((ARM7, "dh.csv"), "is taken for a table of D-H errors, which needs --convention standard, modified or paper and --tip LINK"),
         ((ARM7, truths[0]), "is a calibration of urdfcal's own already"),
         ((ARM7, ARM7, "--tip", "slm"), "--tip is about tables of D-H errors"),
         ((ARM7, "dh.csv", "--convention", "paper", "--tip", "slm", "--sigma", "3"), "'3' is not a prior"),

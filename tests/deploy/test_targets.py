@@ -59,6 +59,17 @@ def test_nothing_but_numbers_is_touched(ur5: Way, tmp_path: Path) -> None:
     assert '"a, b", 10.501,-79.999,"90.251",+20.001,30.001,40.001,"x, ""y"""' in moved
 
 
+def test_decimal_commas_stay_commas(ur5: Way, tmp_path: Path) -> None:
+    """A table with `;` and decimal commas gets decimal commas, in cells without one, too; one with points keeps points."""
+    names = ";".join(f"{name} [deg]" for name in ur5.names)
+    for mark in (",", "."):
+        path = tmp_path / "t.csv"
+        path.write_text(f"{names}\n1{mark}50;-80;90{mark}25;+20;30;4e1\n")
+        file = read_targets(path, ur5)
+        moved = file.with_numbers([file.targets[0].values + 0.001 * DEG]).decode()
+        assert moved == f"{names}\n1.501;-79.999;90.251;+20.001;30.001;40.001\n".replace(".", mark)
+
+
 COLUMNS = {"qx,qy,qz,qw": QUATERNION, "roll [deg],pitch [deg],yaw [deg]": FIXED_ANGLES, "rx,ry,rz": ROTATION_VECTOR, "A,B,C": KUKA_ANGLES}
 
 

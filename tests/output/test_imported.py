@@ -15,7 +15,7 @@ from urdfcal.calibration.analysis.comparison import Account, compare
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
-from urdfcal.output.driver_yaml import origins_yaml
+from urdfcal.output.driver_yaml import origins_yaml, ur_yaml
 from urdfcal.output.imported import assumed_joints, corrections_to, dh_origins, origins_of, read_origins
 from urdfcal.output.stored import corrected_robot
 from urdfcal.robot.robot import Robot, load_robot
@@ -137,6 +137,8 @@ def test_a_ur_kinematics_file_is_the_robots_own(example_robots: Path, tmp_path: 
     found = read_origins(file, robot)
     for section, name in zip(sections, names, strict=True):
         assert np.allclose(found[f"{name}_joint"].homogeneous, real[section].homogeneous, atol=1e-12)
+    file.write_bytes(ur_yaml(robot, found, None))  # our own, which has no hash
+    assert all(np.allclose(own.homogeneous, found[name].homogeneous, atol=1e-9) for name, own in read_origins(file, robot).items())
     with pytest.raises(RobotError, match="turn about other axes than z"):
         read_origins(file, load_robot(example_robots / "ur_description" / "urdf" / "ur5_robot.urdf"))
 

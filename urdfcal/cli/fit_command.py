@@ -277,7 +277,7 @@ def fit(
     from urdfcal.calibration.analysis.validation import coverage_warnings
     from urdfcal.calibration.analysis.validation import holdout as hold_out
     from urdfcal.calibration.analysis.validation import kfold as cross_validate
-    from urdfcal.cli.fit_outputs import planned, require_frames, require_sources, sag_wish, with_sources
+    from urdfcal.cli.fit_outputs import looked_at, planned, require_frames, sag_wish, with_sources
     from urdfcal.model.options import laid_over
     from urdfcal.output.text.frames import frame_lines
     from urdfcal.output.text.result import Extras, calibration_blocks, calibration_json
@@ -337,7 +337,7 @@ def fit(
     require_frames(frames, arm, data, options)
     if tool is not None:
         base_link(arm, tool)  # refuse a link that does not move before any work is done
-    require_sources(arm, options, data, outputs.plan, quiet)
+    outputs = replace(outputs, tree=looked_at(arm, options, data, outputs.plan, quiet))
     say(verbose, f"{about(arm)}; {data.counted}")
     with Working(f"fitting {np.count_nonzero(data.sets == 'fit')} rows ({estimator.value})", quiet):
         calibration = run_fit(arm, data, test=further, rng=rng(), **how)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from urdfcal.api import Calibration
     from urdfcal.calibration.analysis.sag import SagFit
     from urdfcal.model.options import ModelOptions
+    from urdfcal.output.sources.tree import SourceTree
     from urdfcal.output.text.result import Extras
     from urdfcal.robot.robot import Robot
     from urdfcal.sensors.measurements import Measurements
@@ -46,12 +47,14 @@ class Outputs:
         reports: Those that are wanted.
         compensation: The compensation, if one is wanted; its URDF stands beside it.
         camera: Whether laser spots were read as pixels, so that the fit corrects the camera, too.
+        tree: The xacro's sources, where they are to be changed.
     """
 
     plan: Deployment
     reports: tuple[Path, ...] = ()
     compensation: Path | None = None
     camera: bool = False
+    tree: SourceTree | None = None
 
     @property
     def places(self) -> dict[str, Path]:
@@ -108,7 +111,7 @@ class Outputs:
         Raises:
             UsageError: a compensation is wanted, and there is nothing to compensate.
         """
-        deployed, places = calibration.deployed(rng, frames), self.places
+        deployed, places = replace(calibration.deployed(rng, frames), tree=self.tree), self.places
         files: dict[str | Path, bytes] = dict(deployed.files(self.plan))
         files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine(), extra.spots) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
@@ -211,8 +214,8 @@ def with_sources(plan: Deployment, *, split: bool, folder: Path | None, in_place
     return replace(plan, sources=SourcesWish(split, folder, in_place, overwrite))
 
 
-def require_sources(robot: Robot, options: ModelOptions, data: Measurements, plan: Deployment, quiet: bool) -> None:
-    """Refuse a xacro whose sources cannot take what a fit would find, before the fit takes its time; else say which will change.
+def looked_at(robot: Robot, options: ModelOptions, data: Measurements, plan: Deployment, quiet: bool) -> SourceTree | None:
+    """The sources of a xacro that is to be changed, before the fit takes its time; which of them will change is said.
 
     Raises:
         RobotError: a number cannot be corrected where it stands; names it by file and line.
@@ -220,12 +223,13 @@ def require_sources(robot: Robot, options: ModelOptions, data: Measurements, pla
     from urdfcal.output.sources.rehearsal import rehearsed
 
     if "xacro" not in plan.places:
-        return
+        return None
     with Working("trying whether the xacro's sources can take a calibration", quiet):
         patch = rehearsed(robot, options, data.session_names, split=plan.sources.split)
         plan.sources.files(patch)
     if patch.after:
         say(not quiet, f"the calibration goes into {listed(map(patch.layout.way, patch.after))}")
+    return patch.tree
 
 
 @dataclass(frozen=True)

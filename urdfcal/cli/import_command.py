@@ -118,7 +118,8 @@ def _origins(file: Path, robot: Robot, loaded: Callable[[Path], Robot], conventi
 
     if file.suffix.lower() in _TABLES:
         if convention is None or tip is None:
-            raise UsageError(f"{file}: a table of D-H errors needs --convention standard, modified or paper, and --tip LINK")
+            lacking = ["--convention standard, modified or paper"] * (convention is None) + ["--tip LINK"] * (tip is None)
+            raise UsageError(f"{file}: is taken for a table of D-H errors, which needs {' and '.join(lacking)}")
         return dh_origins(file, robot, tip, convention.value)
     if convention is not None or tip is not None:
         raise UsageError(f"--{'tip' if convention is None else 'convention'} is about tables of D-H errors (.csv), and {file} is none")

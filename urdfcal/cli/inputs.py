@@ -96,9 +96,12 @@ def stored_calibration(path: Path) -> StoredCalibration:
 
     Raises:
         CalibrationFileError: the file is not one.
+        UsageError: it is a robot description.
     """
     from urdfcal.output.stored import read_calibration
 
+    if path.suffix.lower() in (".urdf", ".xacro"):
+        raise UsageError(f"{path}: is a robot description; urdfcal import ROBOT {path} -o CALIBRATION.yaml makes a calibration of it")
     stored = read_calibration(path)
     warn_if_mixed(path)
     return stored

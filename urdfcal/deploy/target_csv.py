@@ -59,9 +59,10 @@ def read_targets(path: Path, way: Way) -> TargetFile:
     values = {name: table.numbers(name, own, most=1e6) for name, own in units.items()}
     factors = {name: own.get(table.units.get(name, next(iter(own))), 1.0) for name, own in units.items()}
     spans = list(_spans(table, text))
+    comma = table.separator != "," and any("," in text[slice(*row[name])] for row in spans for name in units)
 
     def numbers(row: int, names: tuple[str, ...]) -> tuple[Number, ...]:
-        return tuple(Number(*spans[row][name], factors[name], float(values[name][row])) for name in names)
+        return tuple(Number(*spans[row][name], factors[name], float(values[name][row]), comma) for name in names)
 
     targets = []
     for row, (line, _) in enumerate(table.body):

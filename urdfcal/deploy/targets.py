@@ -31,23 +31,25 @@ class Number:
         start, end: From where to where.
         unit: Size of its unit in SI.
         value: [rad], [m] or without unit.
+        comma: Whether decimals stand behind a comma there.
     """
 
     start: int
     end: int
     unit: float
     value: float
+    comma: bool = False
 
     def written(self, text: str, value: float) -> tuple[int, int, str]:
         """Its place, and another value as it is written there: with its decimals, and as many more as a micrometre needs."""
         old, digits = text[self.start : self.end], _DIGITS.get(self.unit, 9)
         if abs(value - self.value) < 0.5 * 10.0**-digits * self.unit:
             return self.start, self.end, old
-        decimals = 0 if _EXPONENT.search(old) else len(old.partition(".")[2])
+        decimals = 0 if _EXPONENT.search(old) else len(old.partition("," if self.comma else ".")[2])
         new = f"{value / self.unit:.{max(decimals, digits)}f}"
         whole, _, part = new.partition(".")
         part = part[:decimals] + part[decimals:].rstrip("0")
-        new = f"{whole}.{part}" if part else whole
+        new = f"{whole}{',' if self.comma else '.'}{part}" if part else whole
         return self.start, self.end, "+" + new if old.startswith("+") and not new.startswith("-") else new
 
 

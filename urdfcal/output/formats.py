@@ -17,6 +17,7 @@ from urdfcal.output.endings import ENDINGS, PATCHES, no_format, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
 from urdfcal.output.sources.patch import SourcePatch, patched_sources
+from urdfcal.output.sources.tree import SourceTree
 from urdfcal.output.sources.wanted import SourcesWish
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
@@ -152,6 +153,7 @@ class Deployed:
         rng: For the configurations over which an offsets-only deployment is judged.
         links: Placement of the fixed joint, by its name, of every link that is made to stand where a frame was found.
         added: Frames that become links of their own.
+        tree: The xacro's sources, if they were looked at before.
     """
 
     robot: Robot
@@ -159,6 +161,7 @@ class Deployed:
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
     links: Mapping[str, SE3] = field(default_factory=dict)
     added: Sequence[FoundFrame] = ()
+    tree: SourceTree | None = field(default=None, repr=False, compare=False)
     _sources: dict[bool, SourcePatch] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -194,7 +197,7 @@ class Deployed:
             RobotError: it is no xacro, or its sources cannot be changed so; says where.
         """
         if split not in self._sources:
-            self._sources[split] = patched_sources(self.robot.description, self._whole, split=split)
+            self._sources[split] = patched_sources(self.robot.description, self._whole, split=split, tree=self.tree)
         return self._sources[split]
 
     def content(self, name: str, kinematics_hash: str | None = None, *, split: bool = False) -> bytes:

@@ -68,7 +68,7 @@ def read_origins(path: Path, robot: Robot) -> dict[str, SE3]:
 
 
 def _ur_origins(path: Path, robot: Robot) -> dict[str, SE3]:
-    found, joints = read_ur_file(path), ur_joints(robot, ())
+    found, joints = read_ur_file(path, hashed=False), ur_joints(robot, ())
     if not found.origins:
         raise InputError("does not have all numbers of the six joints; expected x y z roll pitch yaw under each", path)
     if others := other_frames(joints.values()):

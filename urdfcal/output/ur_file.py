@@ -32,7 +32,7 @@ class UrFile:
 
     Attributes:
         path: The file.
-        hash: Of the factory calibration in the robot's controller.
+        hash: Of the factory calibration in the robot's controller; empty where the file has none and need not.
         origins: Of the six joints by section; none where the file does not have all their numbers.
     """
 
@@ -77,20 +77,24 @@ class UrFile:
         return {section: distance_mm_mrad(self.origins[section], joint.origin) for section, joint in joints.items()}
 
 
-def read_ur_file(path: Path) -> UrFile:
+def read_ur_file(path: Path, *, hashed: bool = True) -> UrFile:
     """Read a kinematics file of the UR driver.
 
+    Args:
+        path: The file.
+        hashed: Whether it must have the hash that `ur_calibration` writes.
+
     Raises:
-        InputError: there is no hash in it.
+        InputError: there is no hash in it where there must be one, or nothing under kinematics.
     """
     file = read_yaml(path, InputError)
     section = file.content.get("kinematics") if isinstance(file.content, dict) else None
     found = section.get("hash") if isinstance(section, dict) else None
-    if not isinstance(section, dict) or not isinstance(found, str) or not found:
+    if not isinstance(section, dict) or (hashed and not (isinstance(found, str) and found)):
         raise InputError("has no entry kinematics: hash, expected a file that ur_calibration extracted from the robot", path)
     origins = {name: _origin(section.get(name)) for name in UR_JOINTS}
     whole = {name: origin for name, origin in origins.items() if origin is not None}
-    return UrFile(path, found, whole if len(whole) == len(origins) else {})
+    return UrFile(path, found if isinstance(found, str) else "", whole if len(whole) == len(origins) else {})
 
 
 def _origin(entry: Any) -> SE3 | None:

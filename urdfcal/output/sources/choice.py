@@ -10,10 +10,9 @@ import numpy as np
 from urdfcal.output.sources.layout import is_installed
 from urdfcal.output.sources.numbers import Wanted
 from urdfcal.output.sources.slots import EXPRESSION, LITERAL, PART, Edit, Slot
-from urdfcal.output.sources.tracing import Traced, trace
+from urdfcal.output.sources.tracing import Traced
 from urdfcal.output.sources.tree import SourceTree
 
-_SEED = 0  # of the steps of tracing
 _STUBBORN = 1e-11  # [m] and [rad]
 _STILL = 1e-4  # of what its own number moves: another one that moves less stands still
 _NAMED = 4  # numbers that a place feeds, in messages
@@ -43,10 +42,8 @@ class Choice:
         missing = [each for each in wanted if each not in self.taken and each not in self._sought]
         self._sought.update(missing)
         for kinds in ((LITERAL,), (EXPRESSION, PART)):
-            slots = [slot for slot in self.tree.slots if slot.kind in kinds and slot not in self.barred]
-            if missing and slots:
-                base = self.tree.base
-                traced = trace(slots, base, map(base.index, missing), self.tree.expand, np.random.default_rng(_SEED))
+            traced = self.tree.traced(kinds, frozenset(self.barred), map(self.tree.base.index, missing)) if missing else None
+            if traced is not None:
                 self._take(traced, missing)
                 missing = [each for each in missing if each not in self.taken]
 

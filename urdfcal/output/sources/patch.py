@@ -37,11 +37,13 @@ class SourcePatch:
         description: What was calibrated.
         before: All files that it is expanded from, by real path.
         after: Those that changed.
+        tree: The sources, with what was found of them.
     """
 
     description: Description
     before: Mapping[Path, bytes]
     after: Mapping[Path, bytes]
+    tree: SourceTree
 
     @cached_property
     def layout(self) -> Layout:
@@ -93,19 +95,23 @@ def original(file: Path) -> Path:
     return file.with_name(f"{file.name}.orig")
 
 
-def patched_sources(description: Description, origins: Mapping[str, SE3], *, split: bool = False) -> SourcePatch:
+def patched_sources(
+    description: Description, origins: Mapping[str, SE3], *, split: bool = False, tree: SourceTree | None = None
+) -> SourcePatch:
     """Put origins into the sources that a description was expanded from; every other byte stays.
 
     Args:
         description: As `read_description` expanded it.
         origins: New placement by joint name.
         split: Whether a number that feeds several joints may become one for each, by a new parameter of its macro.
+        tree: Its sources, as they were looked at before; what was found of them is not sought again.
 
     Raises:
         RobotError: a number cannot be corrected where it stands, with file and line; or the changed sources do not expand to the placements
             that are wanted, within 1e-9 m and of rotation matrices, and to the same in all else.
     """
-    tree = SourceTree.of(description)
+    tree = SourceTree.of(description) if tree is None or tree.description.text != description.text else tree
+    tree.require_unchanged()
     by = wishes(tree.base, origins)
     choice = Choice(tree, {wanted: (slot, 1.0) for wanted, slot in OwnPlaces(tree, by).literals().items()})
     for _ in range(_CHOICES):
@@ -121,7 +127,7 @@ def patched_sources(description: Description, origins: Mapping[str, SE3], *, spl
             raise RobotError(f"its changed sources would also change {strayed}; nothing was written", description.path)
     _require_proof(description, found, origins)
     after = {file: text for file, text in tree.contents(edits).items() if text != tree.files[file]}
-    return SourcePatch(description, tree.files, after)
+    return SourcePatch(description, tree.files, after, tree)
 
 
 def _edits(tree: SourceTree, choice: Choice, by: Mapping[Wanted, float], split: bool) -> list[Edit]:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
+
+import numpy as np
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.reading import DESCRIPTION, content_of
 from urdfcal.output.sources.numbers import Expansion, read_expansion
 from urdfcal.output.sources.slots import Edit, Slot, edited
+from urdfcal.output.sources.tracing import Traced, trace
 from urdfcal.output.sources.xml_slots import Element, XmlSource
 from urdfcal.output.sources.yaml_slots import yaml_slots
 from urdfcal.robot.description import Description
 from urdfcal.robot.entities import refuse_entities
 from urdfcal.robot.xacro_child import Variant, XacroLimit, variants
 
+_SEED = 0  # of the steps of tracing
 _LONGER, _LEAST = 10.0, 2.0  # times as long as unchanged, and [s] more
 _WIDE = (b"\xff\xfe", b"\xfe\xff")
 
@@ -33,12 +37,14 @@ class SourceTree:
         files: Their bytes, by real path; xacro files first, in the order in which they are read.
         xml: Those that are xacro.
         limit: What an expansion with changed sources may take: little more than one of them as they are.
+        traces: What was found of places, by the kinds that were looked at and the places that were left out.
     """
 
     description: Description
     files: dict[Path, bytes]
     xml: dict[Path, XmlSource]
     limit: XacroLimit
+    traces: dict[tuple[tuple[int, ...], frozenset[Slot]], Traced] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(cls, description: Description) -> SourceTree:
@@ -63,6 +69,33 @@ class SourceTree:
                 raise RobotError("is in UTF-16 or UTF-32, whose bytes cannot be kept; save it as UTF-8", place)
         xml = {place: XmlSource(place, text, number) for number, (place, text) in enumerate(files.items()) if _is_xml(text, place)}
         return cls(description, files, xml, replace(description.xacro_limit, seconds=seconds))
+
+    def require_unchanged(self) -> None:
+        """Refuse sources that are others by now.
+
+        Raises:
+            RobotError: names the first.
+        """
+        for place, text in self.files.items():
+            if content_of(place, DESCRIPTION, RobotError) != text:
+                raise RobotError("does not expand any more to what was calibrated: its sources have changed since", place)
+
+    def traced(self, kinds: tuple[int, ...], barred: frozenset[Slot], wanted: Iterable[int]) -> Traced | None:
+        """What places of some kinds feed; None where there are no such places.
+
+        Args:
+            kinds: LITERAL, EXPRESSION, PART.
+            barred: Places to leave out.
+            wanted: The numbers whose places must be found.
+        """
+        slots = [slot for slot in self.slots if slot.kind in kinds and slot not in barred]
+        if not slots:
+            return None
+        needed, known = set(wanted), self.traces.get((kinds, barred))
+        if known is None or needed & known.unresolved:
+            known = trace(slots, self.base, needed, self.expand, np.random.default_rng(_SEED))
+            self.traces[kinds, barred] = known
+        return known
 
     @cached_property
     def base(self) -> Expansion:
