@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from tests.support.small_robot import URDF
-from urdfcal.base.geometry import Mask, Matrix
-from urdfcal.planning.tour import legs, on_the_way, shortest, speeds_of, straight_is_free, times_between, toured
+from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.planning.roads import Reach, times_between
+from urdfcal.planning.tour import legs, shortest, speeds_of, toured
 from urdfcal.robot.robot import Robot, load_robot
 
 
@@ -19,6 +21,16 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Robot:
     path = tmp_path_factory.mktemp("robot") / "small.urdf"
     path.write_text(URDF)
     return load_robot(path)
+
+
+def looked(free: Callable[[Matrix], Mask]) -> Reach:
+    """How far straight lines are free, looked at in a thousand places."""
+
+    def reach(a: Vector, b: Vector) -> float:
+        good = free(a + np.linspace(0, 1, 1000)[:, None] * (b - a))
+        return 1.0 if good.all() else float(np.argmin(good) - 1) / 999
+
+    return reach
 
 
 def length(q: Matrix, order: np.ndarray, speeds: np.ndarray, start: np.ndarray) -> float:
@@ -67,12 +79,12 @@ def test_legs_go_around_what_is_in_the_way(robot: Robot) -> None:
 
     q = np.array([[-0.5, 0, 0.05], [0.5, 0, 0.05], [-0.6, 0.1, 0.05]])
     through = np.array([[0.0, 0.2, 0.05], [0.0, 1.0, 0.05], [0.3, 1.2, 0.05]])
-    tour = toured(q, robot, np.array([-1.0, 0, 0]), walled, through)
+    tour = toured(q, robot, np.array([-1.0, 0, 0]), looked(walled), through)
     assert tour.blocked == ()
     (leg,) = tour.vias
     assert np.allclose(tour.vias[leg], through[1:2])
-    assert all(straight_is_free(a, b, walled) for stations in legs(q, tour) for a, b in itertools.pairwise(stations))
-    assert len(toured(q, robot, np.array([-1.0, 0, 0]), closed, through).blocked) == 1
+    assert all(looked(walled)(a, b) == 1 for stations in legs(q, tour) for a, b in itertools.pairwise(stations))
+    assert len(toured(q, robot, np.array([-1.0, 0, 0]), looked(closed), through).blocked) == 1
     assert toured(q, robot, np.array([-1.0, 0, 0]), None, through).vias == {}
 
 
@@ -86,21 +98,27 @@ def test_trees_find_a_way_through_bends(robot: Robot) -> None:
 
     rng = np.random.default_rng(3)
     q, through = np.array([[-1.0, -0.5, 0.05], [1.0, 0.5, 0.05]]), rng.uniform([-1.5, -1.5, 0.0], [1.5, 1.5, 0.1], (300, 3))
-    tour = toured(q, robot, q[0], bends, through[bends(through)])
+    tour = toured(q, robot, q[0], looked(bends), through[bends(through)])
     assert tour.blocked == ()
     (way,) = legs(q, tour)
     assert len(way) >= 4
-    assert all(straight_is_free(a, b, bends) for a, b in itertools.pairwise(way))
+    assert all(looked(bends)(a, b) == 1 for a, b in itertools.pairwise(way))
     assert tour.seconds[0] == pytest.approx(
         sum(times_between(a[None], b[None], speeds_of(robot))[0, 0] for a, b in itertools.pairwise(way))
     )
 
 
-def test_the_way_is_looked_at_in_small_steps() -> None:
-    """No joint moves more than the step between two looks, and both ends are looked at."""
-    way = on_the_way(np.zeros(2), np.array([1.0, -0.3]))
-    assert np.abs(np.diff(way, axis=0)).max() <= 0.02 + 1e-12
-    assert np.allclose(way[[0, -1]], [[0, 0], [1, -0.3]])
+def test_poses_that_can_be_reached_from_each_other_come_together(robot: Robot) -> None:
+    """Of poses on both sides of a wall without a gap, however they are mixed, one leg alone is blocked."""
+
+    def closed(q: Matrix) -> Mask:
+        return np.asarray(np.abs(q[:, 1]) >= 0.01)
+
+    q = np.array([[0.1 * step, 0.02 * (-1) ** step, 0.05] for step in range(8)])
+    tour = toured(q, robot, q[0], looked(closed), q[:0])
+    assert len(tour.blocked) == 1
+    assert sorted(tour.order) == list(range(8))
+    assert all(looked(closed)(a, b) == 1 for leg, (a, b) in enumerate(itertools.pairwise(q[tour.order])) if leg not in tour.blocked)
 
 
 def test_speeds_are_those_of_the_description(robots: dict[str, Robot]) -> None:

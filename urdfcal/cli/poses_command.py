@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from urdfcal.sensors.measurements import Measurements
 
 _TEST = 5  # every such pose is to test on
-_DRAWN = 300  # random positions, of which the free ones are what legs may go around by
+_THROUGH = 300  # free positions that legs may go around by
 _MOST = 200  # poses that --until tries
 _TRAJECTORY = (".yaml", ".yml")
 
@@ -167,6 +167,7 @@ class _Cells:
     def __init__(self, scene: Path | None, srdf: Path | None, clearance_mm: float, seed: int) -> None:
         self.scene, self.srdf, self.clearance_mm, self.seed = scene, srdf, clearance_mm, seed
         self.made: Cell | None = None
+        self.known: list[Matrix] = []  # free positions
 
     def free(self, robot: Robot, q: Matrix) -> Mask:
         """Which positions the robot may take.
@@ -177,14 +178,15 @@ class _Cells:
         from urdfcal.base.geometry import MM
         from urdfcal.cell.collisions import cell_of
 
+        first = self.made is None
         if self.made is None:
             self.made = cell_of(robot, scene=self.scene, srdf=self.srdf, clearance=self.clearance_mm * MM, seed=self.seed)
-            free = self.made.free(q)
-            if not free.any():
-                way = self.made.most_in_the_way(q)
-                raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
-            return free
-        return self.made.free(q)
+        free = self.made.free(q)
+        if first and not free.any():
+            way = self.made.most_in_the_way(q)
+            raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
+        self.known.append(q[free])
+        return free
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -224,15 +226,14 @@ def _toured(plan: PosePlan, cells: _Cells | None) -> Tour:
     """The poses in an order that can be driven."""
     import numpy as np
 
+    from urdfcal.cell.ways import Ways
     from urdfcal.planning.tour import toured
-    from urdfcal.robot.configurations import random_positions
 
-    robot, home = plan.robot, np.zeros(plan.q.shape[1])
-    if cells is None:
-        return toured(plan.q, robot, home, None, plan.q)
-    drawn = random_positions(robot, _DRAWN, np.random.default_rng(cells.seed))
-    through = np.concatenate([plan.q, drawn[cells.free(robot, drawn)]])
-    return toured(plan.q, robot, home, lambda q: cells.free(robot, q), through)
+    home = np.zeros(plan.q.shape[1])
+    if cells is None or cells.made is None:
+        return toured(plan.q, plan.robot, home, None, plan.q[:0])
+    through = np.concatenate(cells.known)[:_THROUGH]
+    return toured(plan.q, plan.robot, home, Ways(cells.made).free_until, through)
 
 
 def _not_driven(plan: PosePlan, tour: Tour) -> list[str]:

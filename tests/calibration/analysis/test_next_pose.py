@@ -57,7 +57,9 @@ def test_what_cannot_be_chosen_is_said(robots: dict[str, Robot]) -> None:
     data = urdfcal.simulate(robots["ur5"], 8, sensors=["pose:tool0"], seed=3).measurements
     calibrator = OnlineCalibrator(robots["ur5"])
     calibrator.update(data.subset([0]))
-    with pytest.raises(UsageError, match=r"1 pose waits until tool0, the measuring frame can be placed.*; begin with poses that differ in every joint"):
+    with pytest.raises(
+        UsageError, match=r"1 pose waits until tool0, the measuring frame can be placed.*; begin with poses that differ in every joint"
+    ):
         calibrator.next_pose(data.q)
     calibrator.update(data.subset(np.arange(1, 8)))
     with pytest.raises(UsageError, match="none of 8 candidates tells anything"):

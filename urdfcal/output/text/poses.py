@@ -12,7 +12,8 @@ import yaml
 
 from urdfcal.base.terminal import many, rounded
 from urdfcal.planning.plan import PosePlan
-from urdfcal.planning.tour import Tour, legs, speeds_of, times_between
+from urdfcal.planning.roads import times_between
+from urdfcal.planning.tour import Tour, legs, speeds_of
 
 _DECIMALS = 6
 
