@@ -14,11 +14,10 @@ from urdfcal.robot.configurations import joint_limits, require_room
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.sheet import ScreenArea, stated_sheet
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.spots import beams_at
+from urdfcal.sensors.spots import LEAST_LENGTH, beams_at
 
 _BATCH, _MOST_LOOKS = 4096, 50 * 4096  # random positions drawn at a time, and how many until none are in view
 _MOST_DRAWS, _LEAST_SHARE = 500_000, 0.005
-_LEAST_LENGTH = 0.1  # [m]; nearer to the screen the nominal robot's module may already stand behind it
 
 
 def poses_in_view(robot: Robot, errors: ErrorModel, x: Vector, seen: Measurements, rng: np.random.Generator, poses: int = 500) -> Matrix:
@@ -114,7 +113,7 @@ def on_screen(errors: ErrorModel, x: Vector, area: ScreenArea) -> Callable[[Matr
 
     def all_meet(q: Matrix) -> Mask:
         beams = beams_at(errors, x, q)
-        return np.asarray((area.holds(beams.spots) & beams.makes_spot(nearest=_LEAST_LENGTH)).all(axis=1))
+        return np.asarray((area.holds(beams.spots) & beams.makes_spot(nearest=LEAST_LENGTH)).all(axis=1))
 
     return all_meet
 
