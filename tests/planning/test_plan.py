@@ -10,6 +10,7 @@ import pytest
 import urdfcal
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.estimation.gains import gains
+from urdfcal.planning.criteria import Traced
 from urdfcal.planning.plan import plan_poses
 from urdfcal.planning.selection import exchanged, expected, greedy
 from urdfcal.robot.robot import Robot
@@ -27,10 +28,11 @@ def test_a_gain_is_what_the_posterior_loses(rng: np.random.Generator) -> None:
 
 def test_the_best_is_taken_pose_after_pose(rng: np.random.Generator) -> None:
     """Each choice is the best of those left by trying every one, none is taken twice, and what is left is that of the chosen together."""
-    H, sigma, M = rng.normal(size=(8, 1, 3)), np.ones(3), np.diag([1.0, 2.0, 0.5])
-    chosen, left = greedy(H, sigma, M, 4)
+    H, M = rng.normal(size=(8, 1, 3)), np.diag([1.0, 2.0, 0.5])
+    by = Traced(np.ones(3), M)
+    chosen, left = greedy(H, by, 4)
     for count in range(4):
-        tried = [expected(H, sigma, M, np.append(chosen[:count], row)) for row in range(8) if row not in chosen[:count]]
+        tried = [expected(H, by, np.append(chosen[:count], row)) for row in range(8) if row not in chosen[:count]]
         assert left[count + 1] == pytest.approx(min(tried))
     assert len(set(chosen.tolist())) == 4
     assert left[0] == pytest.approx(np.trace(M))
@@ -40,13 +42,13 @@ def test_exchanges_are_never_worse_and_find_what_trying_all_finds(rng: np.random
     """From any choice an exchange leaves no more, what was measured before counted; of few candidates it mostly ends at the best set."""
     best = 0
     for _ in range(20):
-        H, sigma, root = rng.normal(size=(9, 1, 4)), np.ones(4), rng.normal(size=(4, 4))
-        M, known, begun = root @ root.T, H[0].T @ H[0], rng.choice(9, 4, replace=False)
-        chosen, left = exchanged(H, sigma, M, begun, known)
-        assert left[-1] <= expected(H, sigma, M, begun, known) * (1 + 1e-12)
-        assert left[-1] == pytest.approx(expected(H, sigma, M, chosen, known))
+        H, root = rng.normal(size=(9, 1, 4)), rng.normal(size=(4, 4))
+        by, known, begun = Traced(np.ones(4), root @ root.T), H[0].T @ H[0], rng.choice(9, 4, replace=False)
+        chosen, left = exchanged(H, by, begun, known)
+        assert left[-1] <= expected(H, by, begun, known) * (1 + 1e-12)
+        assert left[-1] == pytest.approx(expected(H, by, chosen, known))
         assert len(set(chosen.tolist())) == 4
-        best += left[-1] <= min(expected(H, sigma, M, np.array(rows), known) for rows in combinations(range(9), 4)) * (1 + 1e-9)
+        best += left[-1] <= min(expected(H, by, np.array(rows), known) for rows in combinations(range(9), 4)) * (1 + 1e-9)
     assert best >= 15
 
 

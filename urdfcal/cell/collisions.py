@@ -142,8 +142,12 @@ def _whole(robot: Robot, q: Matrix) -> Matrix:
 
 def _owner(robot: Robot, shape: Any) -> str:
     """The link that a shape is of, or the name that it has in the scene."""
-    kind, _, name = shape.name.partition(".")
-    return name if kind in ("boxes", "cylinders", "planes", "meshes") else str(robot.model.frames[shape.parentFrame].name)
+    return shape.name.partition(".")[2] if is_scenery(shape.name) else str(robot.model.frames[shape.parentFrame].name)
+
+
+def is_scenery(name: str) -> bool:
+    """Whether a shape of this name is of the scene, and not of the robot."""
+    return name.partition(".")[0] in ("boxes", "cylinders", "planes", "meshes")
 
 
 def _pairs(robot: Robot, bodies: Bodies, left_out: set[_Names]) -> Iterable[tuple[int, int]]:

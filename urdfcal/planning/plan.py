@@ -2,39 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.errors import UsageError
 from urdfcal.base.foreign_text import shown
-from urdfcal.base.geometry import MM, Array3, Mask, Matrix, Vector
+from urdfcal.base.geometry import MM, Mask, Matrix, Vector
 from urdfcal.base.notebook import Listing, card
 from urdfcal.base.terminal import rounded
-from urdfcal.calibration.analysis.more_poses import without_lost
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
-from urdfcal.calibration.problem import Problem, problem_of
-from urdfcal.calibration.reach import draw_poses
-from urdfcal.estimation.noise import Noise
-from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
-from urdfcal.planning.selection import exchanged, expected, greedy, information
-from urdfcal.robot.configurations import random_positions
+from urdfcal.planning.approach import back_off
+from urdfcal.planning.candidates import Allowed, Candidates, Lookout, drawn, given, positions, require_enough
+from urdfcal.planning.change import changing, detected_mm
+from urdfcal.planning.criteria import NAMES, Design, Rows
+from urdfcal.planning.measuring import Asked, Measuring, ReadWith, measuring, whitened
+from urdfcal.planning.selection import exchanged, fewest, greedy, information
+from urdfcal.planning.sight import Eyes, Hidden
+from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
-from urdfcal.sensors.measurements import Measurements, spot_readings
-from urdfcal.sensors.readings import Readings, blank_readings
-from urdfcal.sensors.registry import SENSORS
-from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
-from urdfcal.simulation.setup import SENSOR_KINDS, SimulatedSensor, parse_sensors, seen_with, simulated_setup
+from urdfcal.sensors.columns import NONE, Stations
+from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.sensor import Sight
 
 CANDIDATES = 2000  # random ones, where none are given
+CHECK = 8  # poses that tell a later change
 _WORKSPACE = 200
-_ROUNDS = 5  # of drawing, where some of what was drawn is in the way
-Allowed = Callable[[Robot, Matrix], Mask]
 _DRAWS = 10  # of random poses, that the chosen ones are compared with
 
 
@@ -51,6 +50,14 @@ class PosePlan:
         tool_sigma_mm: Its predicted position error relative to the base link before the first pose and after each, (n + 1,): RMS over the
             workspace, [mm].
         at_random_mm: The same of as many random candidates, on average, [mm].
+        criterion: What they were chosen by, one of `criteria.NAMES`.
+        value: What that is of them, as it is defined.
+        value_at_random: The same of as many random candidates, on average.
+        usable: How many candidates can be measured and why not the others, in a sentence.
+        reasons: Of how many candidates each reason was the first why they cannot be measured.
+        looked: How many candidates were looked at.
+        assumed: What was assumed of instruments of which nothing is said, in sentences.
+        detects_mm: For a later check: the tool's RMS change that these poses show in nine of ten cases, [mm]; None where they are no check.
     """
 
     robot: Robot
@@ -60,6 +67,14 @@ class PosePlan:
     tool: str
     tool_sigma_mm: Vector
     at_random_mm: float
+    criterion: str = "I"
+    value: float = np.nan
+    value_at_random: float = np.nan
+    usable: str = ""
+    reasons: Mapping[str, int] = field(default_factory=dict)
+    looked: int = 0
+    assumed: tuple[str, ...] = ()
+    detects_mm: float | None = None
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -82,14 +97,14 @@ class PosePlan:
             for number, (q, after) in enumerate(zip(self.q, self.tool_sigma_mm[1:], strict=True))
         ]
         table = Listing(("pose", *self.joints, "tool in mm"), rows, title="Poses, in rad or m", folded=True)
-        return card(f"{len(self)} poses for {self.robot.name}", (self._told,), (table,))
+        return card(f"{len(self)} poses for {self.robot.name}", (self._told, *self.assumed), (table,))
 
 
 def plan_poses(
     robot: Robot,
     *,
     candidates: npt.ArrayLike | int = CANDIDATES,
-    n: int = 30,
+    n: int | None = None,
     tool: str | None = None,
     sensors: Sequence[str] = ("laser",),
     options: ModelOptions | None = None,
@@ -97,143 +112,209 @@ def plan_poses(
     sigmas: Mapping[str, float] | None = None,
     joint_sigma: float | Vector = 0.0,
     reference: str | None = None,
+    camera: Any = None,
+    boards: Mapping[str, Grid] | None = None,
+    stations: Stations = NONE,
     workspace: Matrix | None = None,
     have: Measurements | npt.ArrayLike | None = None,
     allowed: Allowed | None = None,
+    hidden: Hidden | None = None,
+    sight: Sight | None = None,
+    limits: npt.ArrayLike | None = None,
+    criterion: str = "I",
     until_mm: float | None = None,
-    screen_size: float = 3.0,
+    check: bool = False,
+    both_sides: bool = False,
+    screen_size: float | tuple[float, float] | None = None,
     seed: int = 0,
     rng: np.random.Generator | None = None,
 ) -> PosePlan:
-    """Choose poses to measure, those that make the tool's predicted position surest over the whole workspace.
+    """Choose poses to measure, those that make the tool's predicted position surest over the whole workspace, or serve another criterion.
 
-    One after the other the one that gains most is taken; then each is exchanged for a better one until none gains (`selection`).
+    One after the other the one that gains most is taken; then each is exchanged for a better one until none gains (`selection`). Candidates
+    are poses that the sensors see: every beam on the screen and under 70 deg, boards in the picture, targets turned to their instrument.
 
-    What is in the way is for `allowed` to know, or for whoever gives the `candidates`. Where measuring frame and targets will be is not
-    known yet, and is drawn at random; it matters little to which poses are good ones.
+    What is in the way is for `allowed` and `hidden` to know, or for whoever gives the `candidates`. Where an instrument will be of which
+    nothing is said, and where targets will sit on their links, is drawn at random; it matters little to which poses are good ones.
 
     Args:
         robot: Nominal robot.
         candidates: Joint positions to choose from, (m, inputs), [rad] or [m], in the order of the robot's `chain.input_names` as these
-            sensors see it; or how many random ones within the limits, and with every beam on the screen where lasers are read.
-        n: How many to choose.
+            sensors see it; or how many random ones within the limits that can be measured.
+        n: How many to choose; 30 by default, 8 for a check.
         tool: Link whose position relative to the base is to be known; by default the module, or the target that most joints move.
-        sensors: What will read, as for `simulate`: `laser`, `point:LINK`, `pose:LINK`, `distance:LINK`, `inclination:LINK`.
+        sensors: What will read, as for `simulate`: `laser`, `point:LINK`, `pose:LINK`, `distance:LINK`, `inclination:LINK`, `pixels:LINK`;
+            with `@INSTRUMENT` behind it where there are several.
         options: What is to be calibrated, as for `fit`.
         spot_sigma: Noise of a spot coordinate, [m]; as usual by default.
         sigmas: The same of other readings by kind, [m], [rad] or [px].
         joint_sigma: Noise of a joint reading as for `fit`, [rad].
-        reference: Link that the measuring frame stands on; by default `tracker`, or the root.
+        reference: Link that the measuring frame stands on, and where the instrument is taken to be; by default `tracker`, or the root, and
+            then somewhere.
+        camera: What pixels are read with, a `Camera`.
+        boards: Links that are boards, with the grids of their corners.
+        stations: Instruments beside links, as for `read_measurements`.
         workspace: Configurations over which the tool must be accurate, (c, inputs), [rad] or [m]; by default random within limits.
         have: Poses that were measured already with these sensors, which the plan is to complete: measurements, or positions (h, inputs).
         allowed: Which of some positions (m, inputs) of the robot, as the sensors see it, it may take, (m,).
+        hidden: At which of some positions (m, inputs) something stands between two points each, (m, 3) in the axes of the chain's base.
+        sight: What it takes to be seen: angles, sizes and how far spots stay apart.
+        limits: Narrower limits, (2, inputs), [rad] or [m]; by default the robot's.
+        criterion: `I` for the tool over the workspace; `D`, `A`, `E` or `O1` to `O5` for the parameters (`criteria`).
         until_mm: As few poses, up to n, as bring the tool's predicted error down to this, [mm].
-        screen_size: Side of the screen, [m].
+        check: Choose poses that tell best whether the joints have changed since, by a tenth of their priors.
+        both_sides: Each pose will be visited from both sides, so it keeps away from limits, and what is beside it must be allowed, too.
+        screen_size: Side of the screen, or its width and height, [m]; by default as the URDF draws it, else 3.
         seed: Of the randomness.
         rng: Source of randomness in place of a seed.
 
     Raises:
         UsageError: fewer candidates than poses, sensors that touch (which poses reach what is touched is for whoever stands beside the
-            robot to say), or the limits leave no room.
+            robot to say), no such criterion, or the limits leave no room.
         ShapeMismatch: the candidates do not fit the robot.
         RobotError: the tool is not a link that the calibrated joints move.
     """
     rng = np.random.default_rng(seed) if rng is None else rng
     require_robot(robot, "plan_poses")
-    named, lasers = parse_sensors(sensors, robot, 0)
-    _require_no_touch(named)
-    seen = seen_with(robot, named, reference or "", lasers) if named else robot
-    errors = build_error_model(seen.chain, seen.rig, options or ModelOptions())
-    setup = simulated_setup(seen, errors, errors.mean, named, rng, area=ScreenArea(screen_size))
-    errors, x = setup.errors, setup.x
-    q = _taken(seen, errors, candidates, setup.area, rng, allowed)
-    if not 1 <= n <= len(q):
-        raise UsageError(f"plan_poses: expected n from 1 to {len(q)}, the number of candidates, found {n}")
-
-    def told(poses: Matrix) -> Array3:
-        data = _read(errors, x, poses, named, setup.area)
-        noise = noise_of(data, stated_noise(data, spot_sigma, sigmas), joint_sigmas(seen, joint_sigma))
-        return _whitened(errors, x, data, replace(noise, stated=True))
-
-    H = told(q)
-    tool = default_tool(seen) if tool is None else tool
-    J = tool_jacobian(seen, errors, x, tool, random_positions(seen, _WORKSPACE, rng) if workspace is None else workspace)[:, :3]
+    _require_criterion(criterion, until_mm, check)
+    area = None if screen_size is None else ScreenArea(screen_size)
+    made = measuring(robot, Asked(sensors, reference or "", camera, boards or {}, stations, area), options or ModelOptions(), rng)
+    require_room(made.robot)
+    room = _room(made.robot, limits, both_sides)
+    noise = ReadWith(spot_sigma, sigmas, joint_sigma)
+    eyes = Eyes(made, replace(sight or Sight(), area=made.area))
+    lookout = Lookout(made.robot, eyes, _beside(allowed, made.robot) if both_sides and allowed is not None else allowed, hidden)
+    found = drawn(lookout, room, candidates, rng) if isinstance(candidates, int) else given(lookout, candidates)
+    n = (CHECK if check else 30) if n is None else n
+    require_enough(found, n, not isinstance(candidates, int))
+    tool = default_tool(made.robot) if tool is None else tool
+    over = _uniform(_room(made.robot, limits, False), rng) if workspace is None else workspace
+    J = tool_jacobian(made.robot, made.errors, made.errors.mean, tool, over)[:, :3]
     M = information(J) / len(J)
-    known = None
-    if have is not None:
-        known = information(told(_candidates(seen, errors, have.q if isinstance(have, Measurements) else have, setup.area, rng)))
-    chosen, left = greedy(H, errors.sigma, M, n, known)
-    if until_mm is not None:
-        n = min(n, 1 + int(np.argmax(np.append(left[1:-1] <= (until_mm * MM) ** 2, True))))
-    chosen, left = exchanged(H, errors.sigma, M, chosen[:n], known)
-    at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False), known) for _ in range(_DRAWS)])
-    return PosePlan(seen, seen.chain.input_names, q[chosen], chosen, tool, np.sqrt(left) / MM, float(np.sqrt(at_random)) / MM)
+    known = np.zeros_like(M) if have is None else _told_by(made, have, eyes, noise)
+    sigma = changing(made.errors) if check else made.errors.sigma
+    design = Design(whitened(made, found.q, noise, found.read), sigma, M, known)
+    chosen = _chosen(design, criterion, n, until_mm)
+    return _plan(design, found, chosen, criterion, made, tool, rng, check, isinstance(candidates, int))
 
 
-def _taken(
-    robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | int, area: ScreenArea, rng: np.random.Generator, allowed: Allowed | None
-) -> Matrix:
-    """Those of the candidates that the robot may take; of random ones as many as are asked for, if a few rounds give them."""
-    q = _candidates(robot, errors, candidates, area, rng)
-    if allowed is None:
-        return q
-    kept = [q[allowed(robot, q)]]
-    if isinstance(candidates, int):
-        while sum(map(len, kept)) < candidates and len(kept) < _ROUNDS:
-            q = _candidates(robot, errors, candidates, area, rng)
-            kept.append(q[allowed(robot, q)])
-        return np.concatenate(kept)[:candidates]
-    return kept[0]
+def _require_criterion(criterion: str, until_mm: float | None, check: bool) -> None:
+    if criterion not in NAMES:
+        raise UsageError(f"no criterion '{criterion}'; there are {', '.join(NAMES)}")
+    if check and (criterion != "I" or until_mm is not None):
+        raise UsageError("a check has a criterion of its own, how much of a change it tells, and no accuracy to reach")
 
 
-def _require_no_touch(sensors: Sequence[SimulatedSensor]) -> None:
-    for sensor in sensors:
-        if any(SENSORS[kind].touches for kind in SENSOR_KINDS[sensor.kind]):
-            raise UsageError(f"plan_poses: {sensor.kind}:{sensor.target} touches, and which poses reach what it touches is not known here")
-
-
-def _candidates(robot: Robot, errors: ErrorModel, candidates: npt.ArrayLike | int, area: ScreenArea, rng: np.random.Generator) -> Matrix:
-    """Positions to choose from, (m, inputs).
+def _room(robot: Robot, limits: npt.ArrayLike | None, both_sides: bool) -> Matrix:
+    """Between which positions poses are, (2, inputs).
 
     Raises:
-        ShapeMismatch: they do not fit the robot.
+        ShapeMismatch: the limits are none.
+        UsageError: they leave no room.
     """
-    if isinstance(candidates, int):
-        if not robot.rig.lasers:
-            return random_positions(robot, candidates, rng)
-        return draw_poses(robot, errors, errors.mean, candidates, rng, area=area)
-    q, names = np.asarray(candidates, dtype=float), robot.chain.input_names
-    if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
-        raise ShapeMismatch(f"plan_poses: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
-    return q
+    room = joint_limits(robot) if limits is None else positions(robot, limits)
+    return room if not both_sides else _narrower(room, back_off(robot), robot.chain.input_names)
 
 
-def _read(errors: ErrorModel, x: Vector, q: Matrix, sensors: Sequence[SimulatedSensor], area: ScreenArea) -> Measurements:
-    """What the sensors would read at some poses without noise."""
-    n, lasers = len(q), errors.chain.laser_names
-    targets = [blank_readings(kind, own.target, own.link, n, own.instrument) for own in sensors for kind in SENSOR_KINDS[own.kind]]
-    blank = Measurements(
-        joints=errors.chain.input_names,
-        q=q,
-        readings=(*spot_readings(lasers, np.zeros((n, len(lasers), 2))), *targets),
-        poses=np.arange(n).astype(str),
-        sets=np.full(n, "fit"),
-        sessions=np.full(n, errors.sessions[0]),
+def _uniform(room: Matrix, rng: np.random.Generator) -> Matrix:
+    """The workspace: positions anywhere between limits, (c, inputs)."""
+    return rng.uniform(room[0], room[1], (_WORKSPACE, room.shape[1]))
+
+
+def _narrower(room: Matrix, back: Vector, names: Sequence[str]) -> Matrix:
+    narrower = np.array([room[0] + back, room[1] - back])
+    for name, lower, upper in zip(names, *narrower, strict=True):
+        if lower > upper:
+            raise UsageError(f"the limits of {name} are too near to each other to visit a pose from both sides")
+    return narrower
+
+
+def _beside(allowed: Allowed, robot: Robot) -> Allowed:
+    """Whether what lies to both sides of a pose is allowed, too."""
+    back = back_off(robot)
+
+    def all_three(seen: Robot, q: Matrix) -> Mask:
+        good = allowed(seen, q)
+        for beside in (q - back, q + back):
+            good[good] = allowed(seen, beside[good])
+        return good
+
+    return all_three
+
+
+def _told_by(made: Measuring, have: Measurements | npt.ArrayLike, eyes: Eyes, noise: ReadWith) -> Matrix:
+    """What was measured before tells, its H'H: of what was read then where it is said, else of what can be seen.
+
+    Raises:
+        UsageError: nothing that is to be read now was read then.
+    """
+    if not isinstance(have, Measurements):
+        q = positions(made.robot, have)
+        return information(whitened(made, q, noise, eyes.geometry(q).read))
+    names = made.robot.chain.input_names
+    if missing := [name for name in names if name not in have.joints]:
+        raise UsageError(f"what was measured has no column for {', '.join(missing)}, which now moves what is read")
+    q = have.q[:, [have.joints.index(name) for name in names]]
+    before = {(own.sensor, own.target, own.instrument): own.seen for own in have.readings}
+    now = made.blanks(q).readings
+    read = np.array([before.get((own.sensor, own.target, own.instrument), np.zeros(len(q), dtype=bool)) for own in now]).T
+    if not read.any():
+        ours, theirs = (sorted({f"{own.kind.noise} of {own.label}" for own in readings}) for readings in (now, have.readings))
+        raise UsageError(
+            f"what was measured is {', '.join(theirs[:4])}, and planned is {', '.join(ours[:4])}: there is nothing to complete"
+        )
+    return information(whitened(made, q, noise, read))
+
+
+def _chosen(design: Design, criterion: str, n: int, until_mm: float | None) -> Rows:
+    by = design.by(criterion)
+    if until_mm is None:
+        return exchanged(design.H, by, greedy(design.H, by, n, design.known)[0], design.known)[0]
+    if criterion == "I":
+        return fewest(design.H, by, *greedy(design.H, by, n, design.known), (until_mm * MM) ** 2, design.known)[0]
+    chosen = greedy(design.H, by, n, design.known)[0]
+    enough = _tool_mm(design, chosen)[1:-1] <= until_mm
+    return exchanged(design.H, by, chosen[: int(np.argmax(np.append(enough, True))) + 1], design.known)[0]
+
+
+def _tool_mm(design: Design, chosen: Rows) -> Vector:
+    """The tool's predicted error before the first of some poses and after each, (n + 1,), [mm]."""
+    by, told = design.by("I"), design.known
+    found = [by.left(told)]
+    for row in chosen:
+        told = told + information(design.H[row])
+        found.append(by.left(told))
+    return np.sqrt(found) / MM
+
+
+def _plan(
+    design: Design,
+    found: Candidates,
+    chosen: Rows,
+    criterion: str,
+    made: Measuring,
+    tool: str,
+    rng: np.random.Generator,
+    check: bool,
+    drawn_ones: bool,
+) -> PosePlan:
+    n, by = len(chosen), design.by("I")
+    draws = [rng.choice(len(found.q), n, replace=False) for _ in range(_DRAWS)]
+    told = [design.known + information(design.H[rows]) for rows in draws]
+    return PosePlan(
+        made.robot,
+        made.robot.chain.input_names,
+        found.q[chosen],
+        found.rows[chosen],
+        tool,
+        _tool_mm(design, chosen),
+        float(np.sqrt(np.mean([by.left(N) for N in told]))) / MM,
+        criterion,
+        design.value(criterion, design.known + information(design.H[chosen]), n),
+        float(np.mean([design.value(criterion, N, n) for N in told])),
+        found.told(drawn_ones),
+        found.reasons,
+        found.looked,
+        made.assumed,
+        detected_mm(made.errors, design.H[chosen], design.M, rng) if check else None,
     )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        values = Problem(errors, blank).read(x)
-    return replace(blank, readings=tuple(_seen(own, read, area) for own, read in zip(blank.readings, values, strict=True)))
-
-
-def _seen(own: Readings, read: Matrix, area: ScreenArea) -> Readings:
-    """Readings that can be made: finite ones, and of spots those on the screen."""
-    good: Mask = np.asarray(np.isfinite(read).all(axis=1))
-    if own.kind.on_screen:
-        good = good & area.holds(read)
-    return replace(own, values=np.where(good[:, None], read, np.nan))
-
-
-def _whitened(errors: ErrorModel, x: Vector, data: Measurements, noise: Noise) -> Array3:
-    """Jacobian of every pose in units of its noise, (m, k, p)."""
-    linearisation = replace(without_lost(problem_of(errors, data, noise).linearise(x)).of_poses(len(data)), poses=None)
-    return noise.weights(linearisation).jacobian(linearisation).reshape(len(data), -1, len(errors.names))

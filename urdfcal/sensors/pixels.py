@@ -8,16 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.sensors.sensor import (
     Change,
     Disturbance,
     Look,
     Quantity,
     Sensor,
+    Sight,
     View,
     Words,
     bent_by_a_lens,
+    leaning,
     point_jacobian,
     require_pair,
 )
@@ -25,6 +27,13 @@ from urdfcal.sensors.sensor import (
 PIXEL_WORDS = Words("spot or target in a picture", "spots or targets in pictures", "pixel noise", "px", 0.3, 20.0)
 
 _LENS = (5e-3, 1e-3)  # residual distortion of a lens that was calibrated, at a slope of one
+
+
+def out_of_picture(camera: Any, pixels: Matrix) -> Mask:
+    """Which pixels (n, 2) a camera's picture does not have, (n,)."""
+    with np.errstate(invalid="ignore"):
+        inside = (pixels >= -0.5) & (pixels <= np.array(camera.size) - 0.5)
+    return ~np.asarray(inside.all(axis=1), dtype=bool)
 
 
 class PixelSensor(Sensor):
@@ -88,6 +97,23 @@ class PixelSensor(Sensor):
     def looks_from(self, view: View) -> Matrix | None:
         """The camera."""
         return np.zeros_like(view.p)
+
+    def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
+        """See the base class: in the picture; of a board with its front to the camera, too, and in squares that are large enough."""
+        pixels = self.read(view)
+        out = {"are out of the picture": out_of_picture(self.camera, pixels)}
+        if not sight.square:
+            return out
+        across = [self.camera.project(view.p + sign * sight.square * view.R[:, :, axis]) for axis in (0, 1) for sign in (1, -1)]
+        sides = np.array([np.linalg.norm(other - pixels, axis=1) for other in across])
+        with np.errstate(invalid="ignore"):
+            turned = ~(leaning(view.p, view.R[:, :, 2]) <= sight.flattest)
+            small = ~(np.nanmin(np.where(np.isfinite(sides), sides, np.inf), axis=0) >= sight.least_square)
+        return {
+            **out,
+            f"show the board over {np.degrees(sight.flattest):.0f} deg turned away": turned,
+            f"show squares below {sight.least_square:g} px": small,
+        }
 
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """See the base class."""

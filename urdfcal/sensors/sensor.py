@@ -8,7 +8,7 @@ Numbers of a place that several poses share (a socket's point, a plane, the end 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -18,6 +18,7 @@ from urdfcal.base.geometry import DEG, MM, SE3, Array3, Array4, Labels, Mask, Ma
 from urdfcal.base.rotations import skew
 from urdfcal.base.terminal import rounded
 from urdfcal.robot.rig import SIX, Place
+from urdfcal.robot.sheet import ScreenArea
 
 Quantity = Literal["length", "angle", "pixel", "ratio", "label"]
 QUANTITIES: Mapping[Quantity, Mapping[str, float]] = {
@@ -151,6 +152,29 @@ class Look:
 
 
 @dataclass(frozen=True)
+class Sight:
+    """What it takes for a target to be read, as far as the sensor does not know it.
+
+    Attributes:
+        area: The part of the screen that is there.
+        steepest: Angle between beam and screen normal beyond which a spot is too long to be measured, [rad].
+        square: Side of a square of the board that the target is a corner of, [m]; 0 where it is no board's.
+        least_square: Least side of such a square in a picture, [px].
+        flattest: Angle between a board's normal and the line of sight beyond which its corners are not found, [rad].
+        opening: Angle about the target's +z within which it can be seen, as a reflector's, [rad]; None where nothing is said of it.
+        apart: How far readings that could be taken for each other stay apart, [m].
+    """
+
+    area: ScreenArea = field(default_factory=ScreenArea)
+    steepest: float = 70 * DEG
+    square: float = 0.0
+    least_square: float = 8.0
+    flattest: float = 60 * DEG
+    opening: float | None = None
+    apart: float = 20 * MM
+
+
+@dataclass(frozen=True)
 class Disturbance:
     """What an instrument may do to all of its readings alike, as far as it is known what: linear in a few numbers.
 
@@ -274,6 +298,19 @@ class Sensor:
         """Where the line to the target begins, (n, 3), [m]; None where nothing looks at it."""
         return None
 
+    def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
+        """Why there can be no reading at some poses, each reason with the poses (n,) that it holds at; the first that holds is told."""
+        return {}
+
+    def sight_lines(self, view: View) -> tuple[Matrix, Matrix] | None:
+        """Both ends (n, 3), [m], of what nothing may cross, the target's second; None for no such line, or an unknown one."""
+        begin = self.looks_from(view)
+        return None if begin is None else (begin, view.p)
+
+    def taken_for_each_other(self, view: View) -> Matrix | None:
+        """Where readings are, (n, 3), [m], that must stay apart from those of other targets; None where nobody mixes them up."""
+        return None
+
     def normals(self, view: View) -> Matrix | None:
         """Normals of the planes that the target touches, (n, 3); None where it touches none."""
         return None
@@ -362,6 +399,13 @@ class Sensor:
     def drawn_at(self, view: View, values: Matrix) -> Matrix | None:
         """Where a map has its readings, along the axes of the residual, (n, k), [m]; None where they say nothing of it."""
         return None
+
+
+def leaning(directions: Matrix, axes: Matrix) -> Vector:
+    """Angles between directions and axes, both (n, 3), [rad]; nan for a direction that is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        cosines = np.sum(directions * axes, axis=1) / (np.linalg.norm(directions, axis=1) * np.linalg.norm(axes, axis=1))
+        return np.asarray(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def wrong_scale(lengths: Matrix) -> Disturbance:

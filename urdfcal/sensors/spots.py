@@ -25,13 +25,14 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import ArmMotion, arm_motion
 from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Place
-from urdfcal.sensors.pixels import PixelSensor
+from urdfcal.sensors.pixels import PixelSensor, out_of_picture
 from urdfcal.sensors.sensor import (
     Change,
     Disturbance,
     Look,
     Quantity,
     Sensor,
+    Sight,
     View,
     Words,
     bent_by_a_lens,
@@ -231,6 +232,18 @@ class SpotSensor(Sensor):
         """See the base class."""
         return values
 
+    def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
+        """See the base class: a beam must meet the screen that is there, from near its front, and not too flatly."""
+        return _no_spot(view, sight)
+
+    def sight_lines(self, view: View) -> tuple[Matrix, Matrix]:
+        """The beam, from its spot to the laser."""
+        return _on_screen(_beams_seen(view)[0]), view.p
+
+    def taken_for_each_other(self, view: View) -> Matrix:
+        """The spots."""
+        return _on_screen(_beams_seen(view)[0])
+
     def disturbances(self, view: View) -> tuple[Disturbance, ...]:
         """See the base class: a screen that is bowed, what saw the spots on it, and its scale."""
         spots = _beams_seen(view)[0]
@@ -256,6 +269,15 @@ class AimedSpotSensor(SpotSensor):
     def looks_from(self, view: View) -> Matrix:
         """The laser."""
         return view.p
+
+
+def _no_spot(view: View, sight: Sight) -> Mapping[str, Mask]:
+    """Why beams of one laser make no spot that can be measured."""
+    beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
+    with np.errstate(invalid="ignore"):
+        beside = ~(beams.makes_spot(LEAST_LENGTH)[:, 0] & sight.area.holds(beams.spots[:, 0]))
+        flat = np.abs(beams.direction[:, 0, 0]) < np.cos(sight.steepest)
+    return {"put a beam beside the screen": beside, f"have a beam over {np.degrees(sight.steepest):.0f} deg off the screen's normal": flat}
 
 
 def _bow(view: View, spots: Matrix) -> Disturbance:
@@ -322,6 +344,18 @@ class SpotPixelSensor(PixelSensor):
 
     def looks_from(self, view: View) -> None:
         """None: the camera stands before the screen, not in the frame that the spots are in."""
+
+    def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
+        """See the base class: there must be a spot, and the camera must have it in its picture."""
+        return {**_no_spot(view, sight), "are out of the picture": out_of_picture(self.camera, self.read(view))}
+
+    def sight_lines(self, view: View) -> tuple[Matrix, Matrix]:
+        """The beam, from its spot to the laser."""
+        return _on_screen(_beams_seen(view)[0]), view.p
+
+    def taken_for_each_other(self, view: View) -> Matrix:
+        """The spots."""
+        return _on_screen(_beams_seen(view)[0])
 
     def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
         """The errors of the screen's place before the camera, of all lasers alike."""

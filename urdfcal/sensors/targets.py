@@ -24,8 +24,10 @@ from urdfcal.sensors.sensor import (
     PlaceFault,
     Quantity,
     Sensor,
+    Sight,
     View,
     Words,
+    leaning,
     point_jacobian,
     wrong_lengths,
     wrong_scale,
@@ -77,6 +79,14 @@ class PointSensor(Sensor):
     def looks_from(self, view: View) -> Matrix:
         """The tracker."""
         return np.zeros_like(view.p)
+
+    def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
+        """See the base class: a reflector opens along its own z, as far as that is said."""
+        if sight.opening is None:
+            return {}
+        with np.errstate(invalid="ignore"):
+            away = ~(leaning(-view.p, view.R[:, :, 2]) <= sight.opening)
+        return {f"turn the target's z over {np.degrees(sight.opening):.0f} deg away from the instrument": away}
 
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Any of the three may be missing."""
@@ -230,6 +240,9 @@ class DistanceSensor(Sensor):
     def looks_from(self, view: View) -> Matrix:
         """The end of the wire."""
         return view.place
+
+    def sight_lines(self, view: View) -> None:
+        """None: where the end of the wire will be is not known before it was measured."""
 
     def kept(self, columns: Mapping[str, Vector]) -> Matrix:
         """See the base class."""

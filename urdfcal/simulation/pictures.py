@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import SE3, Array3, Mask, Matrix, Vector
+from urdfcal.sensors.pixels import out_of_picture
 
 if TYPE_CHECKING:
     from urdfcal.sensors.camera import Camera
@@ -62,9 +63,8 @@ class Subject:
     def read(self, camera: Camera) -> Mask:
         """Which corners the camera can read, (n, k)."""
         points = self.p[:, None] + np.einsum("nij,kj->nki", self.R, self.corners)
-        pixels = camera.project(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels >= -0.5) & (pixels <= np.array(camera.size) - 0.5)).all(axis=-1)
+        pixels = camera.project(points.reshape(-1, 3))
+        inside = ~out_of_picture(camera, pixels).reshape(points.shape[:2])
         return np.asarray(inside & (self._faces[:, None] | (not self.board)))
 
     def in_view(self, camera: Camera) -> Mask:

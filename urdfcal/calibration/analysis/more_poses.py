@@ -17,10 +17,11 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.sensors.measurements import Measurements
+from urdfcal.sensors.sensor import UNITS
 
 FURTHER = (5, 10, 15, 20, 30, 40, 60, 80, 120, 160, 240, 320)  # poses that are tried beyond those that there are
 _TRIED = 300  # further poses that are looked at
-_FAR_OFF = 1e2  # [m per rad] beams that graze the screen tell nothing that anyone could read
+_FAR_OFF = 1e5  # [mm, deg or px per rad] beams that graze the screen tell nothing that anyone could read
 
 
 def information_of_a_pose(errors: ErrorModel, data: Measurements, noise: Noise, x: Vector, rng: np.random.Generator) -> Matrix:
@@ -53,8 +54,10 @@ def _elsewhere(errors: ErrorModel, data: Measurements, x: Vector, rng: np.random
 
 def without_lost(linearisation: Linearisation) -> Linearisation:
     """Readings that could not be made do not count."""
-    J = linearisation.jacobian
-    bad = ~np.isfinite(J).all(axis=2) | ~np.isfinite(linearisation.residual) | (np.abs(J).max(axis=2, initial=0.0) > _FAR_OFF)
+    J, sizes = linearisation.jacobian, np.empty(linearisation.residual.shape[1])
+    for block in linearisation.blocks:
+        sizes[block.columns] = UNITS[block.unit]
+    bad = ~np.isfinite(J).all(axis=2) | ~np.isfinite(linearisation.residual) | (np.abs(J).max(axis=2, initial=0.0) > _FAR_OFF * sizes)
     if linearisation.lost is not None:
         bad = bad | linearisation.lost[:, linearisation.block_of]
     return replace(
