@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.base.terminal import displayed, rounded
-from urdfcal.fleet.outcome import USES, WHEN, Outcome, units_of
+from urdfcal.base.terminal import displayed, many, rounded
+from urdfcal.fleet.outcome import USES, WHEN, Outcome, by_model, units_of
 from urdfcal.fleet.prior import FleetPrior
-from urdfcal.fleet.told import opening
+from urdfcal.fleet.prior_file import prior_name
+from urdfcal.fleet.told import opening, shared_words
 from urdfcal.fleet.unlike import StandsOut
 from urdfcal.model.parameters import Parameter
 from urdfcal.output.report.document import Table
@@ -23,19 +24,21 @@ _INTERVAL = 1.96
 _MOST_ROWS = 40  # robots that a picture names
 
 
-def fleet_page(outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Sequence[StandsOut]) -> str:
+def fleet_page(outcomes: Sequence[Outcome], priors: Sequence[FleetPrior], unlike: Sequence[StandsOut]) -> str:
     """The page, as an HTML document."""
     good = [own for own in outcomes if own.result]
-    drawn = {"accuracy": _accuracy(good), "parameters": _parameters(good, prior)}
+    models = by_model(outcomes)
+    of_model = {prior.model: prior for prior in priors}
+    parameters = [each for model, own in models.items() for each in _parameters(own, of_model.get(model), model if len(models) > 1 else "")]
     return filled_page(
         "fleet.html.j2",
         opening=[f"{line[0].upper()}{line[1:]}." for line in opening(outcomes)],
         level="good" if len(good) == len(outcomes) and all(own.use != "no" for own in good) else "note",
         robots=_robots(outcomes),
         unlike=_unlike(unlike),
-        prior=_prior(prior),
-        gains=_gains(prior),
-        pictures=drawn,
+        shared=[f"{said[0].upper()}{said[1:]}." for said in shared_words(priors)],
+        priors=[(prior_name(prior, priors), _prior(prior), _gains(prior)) for prior in priors],
+        pictures={"accuracy": _accuracy(good), "parameters": parameters},
     )
 
 
@@ -63,9 +66,7 @@ def _unlike(unlike: Sequence[StandsOut]) -> Table | None:
     return Table(("robot", "what", "its own", "fleet's median", "unit", "σ off"), tuple(rows), words=2)
 
 
-def _prior(prior: FleetPrior | None) -> Table | None:
-    if prior is None:
-        return None
+def _prior(prior: FleetPrior) -> Table:
     rows = []
     for group, scale in prior.scales.items():
         unit, size = displayed("m" if group == "translation" else "rad")
@@ -73,13 +74,12 @@ def _prior(prior: FleetPrior | None) -> Table | None:
     return Table(("errors", "standard deviation", "unit", "numbers that told"), tuple(rows))
 
 
-def _gains(prior: FleetPrior | None) -> str:
-    if prior is None:
-        return ""
-    gains = np.array(list(prior.gains.values()))
+def _gains(prior: FleetPrior) -> str:
+    gains, robots = np.array(list(prior.gains.values())), many(len(prior.gains), "robot")
+    of = f" of {prior.model}" if prior.model else ""
     return (
-        f"Each robot left out in turn: under the prior of the others its measurements are the more probable than under the usual one for "
-        f"{int((gains > 0).sum())} of {len(gains)}, by {rounded(np.median(gains), 2)} nats in the median."
+        f"{robots}{of}, each left out in turn: under what the others say, its measurements are more probable than under the usual prior "
+        f"for {int((gains > 0).sum())} of {len(gains)}, by {rounded(np.median(gains), 2)} nats in the median."
     )
 
 
@@ -116,7 +116,7 @@ class _Accuracy:
         axes.x_label, axes.y_ends = f"in {self.unit}", row_ends(len(self.robots))
 
 
-def _parameters(good: Sequence[Outcome], prior: FleetPrior | None) -> list[Picture]:
+def _parameters(good: Sequence[Outcome], prior: FleetPrior | None, model: str) -> list[Picture]:
     """Every joint parameter of all robots, lengths and angles apart, over the band of the fleet's prior."""
     found = []
     for unit_si, title in (("m", "Lengths over the fleet"), ("rad", "Angles over the fleet")):
@@ -129,6 +129,7 @@ def _parameters(good: Sequence[Outcome], prior: FleetPrior | None) -> list[Pictu
         if values:
             unit, _ = displayed(unit_si)
             caption = f"A mark a robot, in {unit}" + ("; the band is the fleet's prior (95 %)." if prior is not None else ".")
+            title = f"{title}: {model}" if model else title
             found.append(draw_picture("parameters", title, caption, row_height(len(values)), _Spread(values, unit_si, prior).draw))
     return found
 
@@ -145,7 +146,9 @@ class _Spread:
         if self.prior is not None:
             groups = [Parameter(name, self.unit, "joint", 0.0, 1.0).scale_group for name in self.values]
             half = _INTERVAL * np.array([self.prior.scales.get(group, np.nan) for group in groups]) / size
-            axes.bars(-half, half, place, "band")
+            shared = {own.name: own.value for own in self.prior.shared}
+            middle = np.array([shared.get(name, 0.0) for name in self.values]) / size
+            axes.bars(middle - half, middle + half, place, "band")
         axes.across(x=0.0)
         for row, own in zip(place, self.values.values(), strict=True):
             axes.points(np.array(own) / size, np.full(len(own), row), Look("c0", "o", size=4.0))
