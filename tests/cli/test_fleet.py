@@ -56,8 +56,9 @@ def test_each_robot_is_fitted_as_by_itself(run_cli: Run, fleet: Path) -> None:
         rows = list(csv.DictReader(stream))
     assert [float(row["after_mm"]) for row in rows] == pytest.approx([row["after_mm"] for row in told["robots"]])
     assert all(float(row["after_mm"]) < float(row["before_mm"]) for row in rows)
-    page = (fleet / "out" / "index.html").read_text()
+    page = (fleet / "out" / "index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     assert page.count("with reservations") >= ROBOTS
+    assert f"{ROBOTS} robots: {ROBOTS} with reservations" in page
     assert "Who stands out" in page
     assert (fleet / "out" / "parameters.parquet").read_bytes()[:4] == b"PAR1"
 

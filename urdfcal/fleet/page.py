@@ -22,6 +22,8 @@ from urdfcal.output.report.plots.svg import Picture, draw_picture, row_ends, row
 
 _INTERVAL = 1.96
 _MOST_ROWS = 40  # robots that a picture names
+_MOST_NAMED = 12  # robots of whom the same is said
+_UNBROKEN = "\N{NO-BREAK SPACE}"
 
 
 def fleet_page(outcomes: Sequence[Outcome], priors: Sequence[FleetPrior], unlike: Sequence[StandsOut]) -> str:
@@ -35,6 +37,7 @@ def fleet_page(outcomes: Sequence[Outcome], priors: Sequence[FleetPrior], unlike
         opening=[f"{line[0].upper()}{line[1:]}." for line in opening(outcomes)],
         level="good" if len(good) == len(outcomes) and all(own.use != "no" for own in good) else "note",
         robots=_robots(outcomes),
+        said=_said(outcomes),
         unlike=_unlike(unlike),
         shared=[f"{said[0].upper()}{said[1:]}." for said in shared_words(priors)],
         priors=[(prior_name(prior, priors), _prior(prior), _gains(prior)) for prior in priors],
@@ -48,8 +51,27 @@ def _robots(outcomes: Sequence[Outcome]) -> Table:
     rows = []
     for own in outcomes:
         figures = (_figure(own.mean(*each)) for each in known)
-        rows.append((own.name, USES[own.use], own.said, str(own.result.get("poses", {}).get("count", "–")), *figures))
-    return Table(("robot", "verdict", "what is said", "poses", *(f"{when}, {unit}" for when, unit in known)), tuple(rows), words=3)
+        verdict = USES[own.use].replace(" ", _UNBROKEN)
+        rows.append((own.name, verdict, str(own.result.get("poses", {}).get("count", "–")), *figures))
+    return Table(("robot", "verdict", "poses", *(f"{when}, {unit}" for when, unit in known)), tuple(rows), words=2)
+
+
+def _said(outcomes: Sequence[Outcome]) -> Table | None:
+    """What is held against robots, those of whom the same is said together, failed ones first."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for use in reversed(USES):
+        for own in outcomes:
+            if own.use == use and own.said:
+                said.setdefault((USES[use].replace(" ", _UNBROKEN), own.said), []).append(own.name)
+    if not said:
+        return None
+    rows = [(verdict, why, _listed(names)) for (verdict, why), names in said.items()]
+    return Table(("verdict", "what is said", "robots"), tuple(rows), words=3)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(names[:_MOST_NAMED]) + more
 
 
 def _figure(value: float) -> str:
@@ -92,7 +114,7 @@ def _accuracy(good: Sequence[Outcome]) -> list[Picture]:
         caption = "Mean distance from measured to predicted" + (
             f"; the {_MOST_ROWS} worst of {len(own)}." if len(own) > len(shown) else "."
         )
-        found.append(draw_picture("accuracy", "Before and after", caption, row_height(len(shown)), _Accuracy(shown, unit).draw))
+        found.append(draw_picture("accuracy", f"Before and after, in {unit}", caption, row_height(len(shown)), _Accuracy(shown, unit).draw))
     return found
 
 
