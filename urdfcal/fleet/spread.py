@@ -88,7 +88,8 @@ def _client(stack: ExitStack, workers: int, scheduler: str | None) -> tuple[Any,
     except ImportError:
         raise UsageError("several processes want dask: pip install 'urdfcal[fleet]', or use --workers 1") from None
     stack.enter_context(dask.config.set(_DASK))
-    own = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": logging.CRITICAL}
+    seen = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # any port, so that two fleets do not meet at one
+    own = {"n_workers": workers, "threads_per_worker": 1, "scheduler_kwargs": seen, "silence_logs": logging.CRITICAL}
     try:
         cluster = stack.enter_context(distributed.LocalCluster(**own)) if scheduler is None else None
         return stack.enter_context(distributed.Client(cluster or scheduler, timeout="10s")), distributed
