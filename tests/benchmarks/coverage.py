@@ -7,14 +7,20 @@ and bound owe nothing to urdfcal. With e = estimate - truth, sqrt(mean of e' C^-
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
 from second_witness import DEG, MM, observations_of
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import FLAT, PriorScale
@@ -102,7 +108,7 @@ def mahalanobis(error: Array, covariance: Array) -> float:
     return float(error / sigma @ np.linalg.solve(covariance / np.outer(sigma, sigma), error / sigma))
 
 
-def run(robot: urdfcal.Robot, seed: int, spot_sigma: float, joint_sigma: float) -> Run:
+def run(robot: urdfcal.Robot, spot_sigma: float, joint_sigma: float, seed: int) -> Run:
     """Draw poses and noise, fit, and compare with the truth."""
     rng = np.random.default_rng(seed)
     errors = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="dh"))
@@ -147,9 +153,10 @@ def main() -> None:
     parser.add_argument("--spot-mm", type=float, default=1.15, help="standard deviation of a spot coordinate (default 1.15)")
     parser.add_argument("--joint-deg", type=float, default=0.058, help="standard deviation of a joint reading (default 0.058)")
     parser.add_argument("--robot", default="robots/arm7/arm7.urdf.xacro", help="the arm of Table I")
+    with_jobs(parser)
     arguments = parser.parse_args()
     start, robot = time.perf_counter(), urdfcal.load_robot(arguments.robot)
-    runs = [run(robot, seed, arguments.spot_mm * MM, arguments.joint_deg * DEG) for seed in range(arguments.seeds)]
+    runs = over(partial(run, robot, arguments.spot_mm * MM, arguments.joint_deg * DEG), range(arguments.seeds), arguments)
     report(runs)
     print(f"{arguments.seeds} seeds, {time.perf_counter() - start:.0f} s")
 

@@ -9,11 +9,16 @@ from __future__ import annotations
 
 import argparse
 import csv
+import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import fit
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
@@ -50,7 +55,7 @@ def truth_of(kind: str, errors: ErrorModel, arms: list[np.ndarray], rng: np.rand
     return x
 
 
-def held_out(robot: Robot, seed: int, poses: int, kind: str, arms: list[np.ndarray]) -> tuple[float, float]:
+def held_out(robot: Robot, poses: int, kind: str, arms: list[np.ndarray], seed: int) -> tuple[float, float]:
     """RMS error on noise-free unseen spots with the defaults and by evidence, [mm]."""
     rng = np.random.default_rng([seed, poses])
     six = build_error_model(robot.chain, robot.rig, ModelOptions(error_model="placement"))
@@ -73,13 +78,14 @@ def main() -> None:
     parser.add_argument("--arm", default="ur5", help="a folder of robots/ (default ur5); factory truths are of that one alone")
     parser.add_argument("--poses", type=int, nargs="+", default=[20, 30, 60, 200])
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
+    with_jobs(parser)
     arguments = parser.parse_args()
     robot = load_robot(ROOT / "robots" / arguments.arm / f"{arguments.arm}.urdf.xacro")
     arms = factory_truths(arguments.data) if arguments.arm == "ur5" and (arguments.data / "ur_factory").is_dir() else []
     print(f"{arguments.arm}, 1 mm noise, {arguments.robots} robots each: held-out RMS [mm], defaults and by evidence; ratio (median, 95 %)")
     for kind in ("gaussian", *(["factory"] if arms else []), "zero"):
         for poses in arguments.poses:
-            both = np.array([held_out(robot, seed, poses, kind, arms) for seed in range(arguments.robots)])
+            both = np.array(over(partial(held_out, robot, poses, kind, arms), range(arguments.robots), arguments))
             ratio = both[:, 1] / both[:, 0]
             print(
                 f"  {kind:9s} {poses:4d} poses   {np.median(both[:, 0]):.3f}   {np.median(both[:, 1]):.3f}   "

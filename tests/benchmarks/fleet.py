@@ -31,13 +31,14 @@ import numpy as np
 
 import urdfcal
 from tests.benchmarks.evidence import SIX, factory_truths
-from urdfcal.fleet.outcome import Outcome
+from urdfcal.fleet.likelihood import Likelihood
 from urdfcal.fleet.prior import fleet_prior
-from urdfcal.model.options import ModelOptions
+from urdfcal.model.options import ModelOptions, ParameterPrior
 from urdfcal.model.parameters import PriorScale
 
 ROOT = Path(__file__).parents[2]
 UR5 = ROOT / "robots" / "ur5" / "ur5.urdf.xacro"
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}
 NOISE = {"point": 1e-4}
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
@@ -59,13 +60,8 @@ def main() -> None:
 
 def shared(folder: Path, robots: int, poses: int) -> None:
     """One process, two, and two after a kill."""
-    nominal = urdfcal.load_robot(UR5)
-    (folder / "ur5.urdf").write_bytes(nominal.description.text)
-    for robot in range(robots):
-        made = urdfcal.simulate(nominal, poses, sensors=["point:tool0"], errors=(1e-3, np.radians(0.1)), seed=robot)
-        urdfcal.write_measurements(folder / f"r{robot:04d}.csv", made.measurements)
-    rows = [f"ur5.urdf,r{robot:04d}.csv" for robot in range(robots)]
-    (folder / "fleet.csv").write_text("\n".join(["description,measurements", *rows]))
+    words = ("-o", folder / "made", "--robots", robots, "--poses", poses, "--sensor", "point:tool0", "--errors", "1mm,0.1deg", "-q")
+    subprocess.run([sys.executable, "-m", "urdfcal", "simulate", *map(str, (UR5, *words))], env=ENVIRONMENT, check=True)
     times = {}
     for workers in (1, 2):
         times[workers] = wall(folder, workers)
@@ -89,10 +85,9 @@ def shared(folder: Path, robots: int, poses: int) -> None:
 
 def started(folder: Path, workers: int) -> subprocess.Popen[bytes]:
     """The command, as a group of processes."""
-    words = ["-m", "urdfcal", "fleet", "fleet.csv", "-o", f"out{workers}", "--workers", str(workers), "--json", "-q"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    words = ["-m", "urdfcal", "fleet", "made/manifest.csv", "-o", f"out{workers}", "--workers", str(workers), "--json", "-q"]
     with (folder / "told.json").open("wb") as out:
-        return subprocess.Popen([sys.executable, *words], cwd=folder, stdout=out, env=environment, start_new_session=True)
+        return subprocess.Popen([sys.executable, *words], cwd=folder, stdout=out, env=ENVIRONMENT, start_new_session=True)
 
 
 def wall(folder: Path, workers: int) -> float:
@@ -111,30 +106,27 @@ def factory(data: Path) -> None:
         errors = dict(zip(names, arm.tolist(), strict=True))
         made.append(urdfcal.simulate(nominal, 10, sensors=["point:tool0"], errors=errors, length_noise=1e-4, seed=seed))
         fits.append(urdfcal.fit(made[-1].nominal, made[-1].measurements, sigmas=NOISE))
-    told = [Outcome(str(number), 0, joints=joints_of(fit)).likelihood for number, fit in enumerate(fits)]
+    told = [likelihood(fit) for fit in fits]
     rows = []
     for number, (own, simulation) in enumerate(zip(fits, made, strict=True)):
-        prior = fleet_prior({str(other): each for other, each in enumerate(told) if other != number and each is not None})
+        prior = fleet_prior({str(other): each for other, each in enumerate(told) if other != number})
         assert prior is not None
         scale = PriorScale(prior.scales["translation"], prior.scales["rotation"], prior.scales["zero"])
-        shared_prior = urdfcal.fit(simulation.nominal, simulation.measurements, sigmas=NOISE, options=ModelOptions(priors={"joint": scale}))
+        single = {each.name: ParameterPrior(mean=each.value) for each in prior.shared}
+        options = ModelOptions(priors={"joint": scale}, single=single)
+        shared_prior = urdfcal.fit(simulation.nominal, simulation.measurements, sigmas=NOISE, options=options)
         rows.append([off(simulation, simulation.nominal), off(simulation, own), off(simulation, shared_prior)])
         print(f"arm {number}: nominal {rows[-1][0]:.3f}, own prior {rows[-1][1]:.3f}, the others' {rows[-1][2]:.3f} mm", flush=True)
-    print({name: f"{scale:.2e}" for name, scale in prior.scales.items()})
+    print({name: f"{scale:.2e}" for name, scale in prior.scales.items()}, [f"{each.name} {each.value:.2e}" for each in prior.shared])
     rms = np.sqrt(np.mean(np.square(rows), axis=0))
     print(f"RMS over {len(rows)} arms: {rms[0]:.3f}, {rms[1]:.3f}, {rms[2]:.3f} mm; {1 - rms[2] / rms[1]:.0%} less than the own prior's")
 
 
-def joints_of(fit: Any) -> dict[str, Any]:
-    """What a record has of the joints."""
+def likelihood(fit: Any) -> Likelihood:
+    """What an arm's data say of its joints."""
     joints = [index for index, parameter in enumerate(fit.errors.parameters) if parameter.kind == "joint"]
-    return {
-        "names": [fit.errors.names[index] for index in joints],
-        "units": [fit.errors.units[index] for index in joints],
-        "values": fit.x[joints],
-        "covariance": fit.covariance[np.ix_(joints, joints)],
-        "prior_sigma": fit.errors.sigma[joints],
-    }
+    names, units = ([told[index] for index in joints] for told in (fit.errors.names, fit.errors.units))
+    return Likelihood.of(names, units, fit.x[joints], fit.covariance[np.ix_(joints, joints)], fit.errors.sigma[joints])
 
 
 def off(simulation: Any, other: Any) -> float:

@@ -22,8 +22,9 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -32,6 +33,7 @@ import numpy as np
 
 import urdfcal
 from tests.benchmarks.real_robots import ROBOTS, ROOT, Split, random_splits, repeatable_splits
+from tests.support.studies import over, with_jobs
 from urdfcal.api import Calibration
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.sag import SagFit, fit_sag
@@ -103,7 +105,35 @@ def fitted(robot: urdfcal.Robot, train: urdfcal.Measurements, test: urdfcal.Meas
     return calibration, fit_sag(calibration, folds=0, compare_directions=False)
 
 
-def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[str]:
+class Sagged(NamedTuple):
+    """Of one simulated arm: the ratio of held-out errors, the gain, whether intervals hold and squares of errors and truths, by kind."""
+
+    ratio: float
+    gain: float
+    inside: list[tuple[str, bool]]
+    left: list[list[float]]
+
+
+def run(arm: str, sensor: str, scales: SagScales, seed: int) -> Sagged:
+    """Simulate an arm and fit it with sag and without."""
+    case = simulated(arm, sensor, scales, seed)
+    calibration, sag = fitted(case.robot, case.train, case.test)
+    assert sag is not None, "gravity bends these arms"
+    assert calibration.test is not None
+    assert calibration.test_data is not None
+    inside, left = [], []
+    largest = {term.name: term.largest for term in sag.softness.terms}
+    for name, (value, moment) in case.truth.items():
+        if name in largest:
+            expected = value * largest[name] / moment
+            found, sigma = sag.soft_values[name]
+            inside.append(("own" if name.endswith(".sag") else "across", bool(abs(found - expected) < 1.96 * sigma)))
+            left.append([(found - expected) ** 2, expected**2])
+    ratio = held_out(calibration, sag, calibration.test_data) / rms_of(calibration.test[1])
+    return Sagged(ratio, sag.gain, inside, left)
+
+
+def simulated_study(arms: list[str], scales: SagScales, arguments: argparse.Namespace) -> Iterator[str]:
     """A line for each arm and sensor."""
     yield (
         f"{'arm':<8}{'sensor':<8}{'held-out ratio':>16}{'worst':>8}{'95 % hold':>11}{'own':>7}{'across':>8}{'error left':>12}"
@@ -113,22 +143,12 @@ def simulated_study(arms: list[str], seeds: int, scales: SagScales) -> Iterator[
         for sensor in SENSORS:
             if arm == "ur10" and sensor == "laser":
                 continue
-            ratios, gains, inside, left = [], [], defaultdict(list), []
-            for seed in range(seeds):
-                case = simulated(arm, sensor, scales, seed)
-                calibration, sag = fitted(case.robot, case.train, case.test)
-                assert sag is not None, "gravity bends these arms"
-                assert calibration.test is not None
-                assert calibration.test_data is not None
-                ratios.append(held_out(calibration, sag, calibration.test_data) / rms_of(calibration.test[1]))
-                gains.append(sag.gain)
-                largest = {term.name: term.largest for term in sag.softness.terms}
-                for name, (value, moment) in case.truth.items():
-                    if name in largest:
-                        expected = value * largest[name] / moment
-                        found, sigma = sag.soft_values[name]
-                        inside["own" if name.endswith(".sag") else "across"].append(abs(found - expected) < 1.96 * sigma)
-                        left.append([(found - expected) ** 2, expected**2])
+            runs = over(partial(run, arm, sensor, scales), range(arguments.seeds), arguments)
+            ratios, gains, inside, left = [one.ratio for one in runs], [one.gain for one in runs], defaultdict(list), []
+            for one in runs:
+                left += one.left
+                for kind, holds in one.inside:
+                    inside[kind].append(holds)
             both = [*inside["own"], *inside["across"]]
             shares = [f"{np.mean(part):.3f}" if part else "-" for part in (both, inside["own"], inside["across"])]
             error = f"{np.sqrt(np.sum(left, axis=0) @ [1, 0] / np.sum(left, axis=0)[1]):.2f}" if left else "-"
@@ -208,6 +228,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder of the real measurements")
     parser.add_argument("--set", action="append", default=[], help="real robot (default all)")
     parser.add_argument("--no-gate", action="store_true", help="real: fit and test every pose, outliers too")
+    with_jobs(parser)
     given = parser.parse_args()
     if given.study == "real" and not given.data.is_dir():
         sys.exit(f"no folder {given.data} with the real measurements; say --data DIR")
@@ -217,7 +238,7 @@ def main() -> None:
         if given.study == "real"
         else cost_study()
         if given.study == "cost"
-        else simulated_study(given.arm or list(ARMS), given.seeds, scales)
+        else simulated_study(given.arm or list(ARMS), scales, given)
     )
     for line in lines:
         print(line, flush=True)

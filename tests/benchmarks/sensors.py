@@ -15,10 +15,14 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.error_table import error_table, rms_of
@@ -99,8 +103,9 @@ def measured(setup: SimulatedSetup, name: str, poses: int, rng: np.random.Genera
     return replace(data, readings=(replace(data.readings[0], values=flat),))
 
 
-def run(robot: Robot, name: str, seed: int, poses: int, truth: np.ndarray | None) -> Run:
-    """Simulate, fit, and compare with the truth and with readings that were not fitted."""
+def run(robot: Robot, name: str, poses: int, arms: list[np.ndarray], seed: int) -> Run:
+    """Simulate, fit, and compare with the truth, of which arms take turns if there are any, and with readings that were not fitted."""
+    truth = arms[seed % len(arms)] * (-1.0) ** (seed // len(arms)) if arms else None
     rng = np.random.default_rng([seed, poses])
     setup = setup_of(robot, name, truth, rng)
     data, unseen = measured(setup, name, poses, rng, NOISE), measured(setup, name, 200, rng)
@@ -141,8 +146,9 @@ def line(name: str, kind: str, poses: int, runs: list[Run]) -> str:
     return f"| {name} | {kind} | {poses} | {noise} | {holds} | {within:.1%} | {rms:.2f} | {before:.2f} | {after:.3f} |"
 
 
-def study(robot: Robot, robots: int, poses: int, arms: list[np.ndarray]) -> None:
+def study(robot: Robot, arguments: argparse.Namespace, arms: list[np.ndarray]) -> None:
     """Print the table."""
+    robots, poses = arguments.robots, arguments.poses
     print(f"{robots} simulated UR5s each, noise 0.1 mm and 0.02 deg (spots 0.5 mm)")
     head = (
         "sensor",
@@ -157,9 +163,9 @@ def study(robot: Robot, robots: int, poses: int, arms: list[np.ndarray]) -> None
     )
     print(f"| {' | '.join(head)} |\n|{'---|' * len(head)}")
     for name in SENSORS:
-        for kind in ("Gaussian", *(["factory"] if arms else [])):
-            truths = [None if kind == "Gaussian" else arms[seed % len(arms)] * (-1.0) ** (seed // len(arms)) for seed in range(robots)]
-            print(line(name, kind, poses, [run(robot, name, seed, poses, truth) for seed, truth in enumerate(truths)]), flush=True)
+        for kind, truths in (("Gaussian", []), *([("factory", arms)] if arms else [])):
+            runs = over(partial(run, robot, name, poses, truths), range(robots), arguments)
+            print(line(name, kind, poses, runs), flush=True)
 
 
 def speed(robot: Robot, name: str, poses: int) -> str:
@@ -182,6 +188,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     parser.add_argument("--speed", action="store_true", help="time 10 000 poses of each sensor, each in a process of its own")
     parser.add_argument("--one", help=argparse.SUPPRESS)
+    with_jobs(parser)
     arguments = parser.parse_args()
     robot = load_robot(ROOT / "robots" / "ur5" / "ur5.urdf.xacro")
     if arguments.one:
@@ -194,7 +201,7 @@ def main() -> None:
         there = (arguments.data / "ur_factory").is_dir()
         if not there:
             print(f"no factory truths: {arguments.data / 'ur_factory'} is not there (name its folder with --data)")
-        study(robot, arguments.robots, arguments.poses, factory_truths(arguments.data) if there else [])
+        study(robot, arguments, factory_truths(arguments.data) if there else [])
 
 
 if __name__ == "__main__":

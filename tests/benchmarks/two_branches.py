@@ -11,11 +11,17 @@ SIMULATED data on public descriptions.
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import pinocchio as pin
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import fit
 from urdfcal.base.geometry import DEG, MM, Vector
 from urdfcal.model.gauge import build_error_model
@@ -76,7 +82,7 @@ def anywhere(robot: Robot, rng: np.random.Generator) -> Vector:
     return np.asarray(rng.uniform(np.minimum(lower, upper), np.maximum(lower, upper)))
 
 
-def study(robot: Robot, one: str, other: str, seed: int, poses: int) -> dict[str, np.ndarray]:
+def study(robot: Robot, one: str, other: str, poses: int, seed: int) -> dict[str, np.ndarray]:
     """Distances with the nominal robot, and with those that each error model calibrates."""
     rng = np.random.default_rng(seed)
     sensors, _ = parse_sensors([f"pose:{other}"], robot, 0)
@@ -100,13 +106,14 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--poses", type=int, default=60)
+    with_jobs(parser)
     arguments = parser.parse_args()
     print(
         f"{arguments.poses} poses, median of {arguments.seeds} truths, RMS in mm: the parting link to one end / to the other / end to end"
     )
     for title, (path, one, other) in ROBOTS.items():
         robot = load_robot(resolve_uri(f"package://{path}"))
-        runs = [study(robot, one, other, seed, arguments.poses) for seed in range(arguments.seeds)]
+        runs = over(partial(study, robot, one, other, arguments.poses), range(arguments.seeds), arguments)
         medians = {name: np.median([run[name] for run in runs], axis=0) for name in runs[0]}
         worst = max(float((run["auto"] / run["placement"]).max()) for run in runs)
         harm = max(float((run["auto"] / run["nominal"]).max()) for run in runs)

@@ -18,19 +18,22 @@ alone; to ask for less than that would count luck as goodness.)
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import pinocchio as pin
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.geometry import DEG, MM, SE3, Matrix
 from urdfcal.base.rotations import skew
 from urdfcal.calibration.analysis.prediction import base_link, default_tool
@@ -261,17 +264,13 @@ def main() -> None:
     """Parse the command line and run the study."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", default="0:2000", help="first seed and the one behind the last (default 0:2000)")
-    parser.add_argument("--jobs", type=int, default=1, help="processes (default 1)")
+    with_jobs(parser)
     parser.add_argument("--tool", action="store_true", help="judge as `--tool LINK` does, by the link in the base frame")
     parser.add_argument("-v", "--verbose", action="store_true", help="name the sets that were judged wrongly")
     arguments = parser.parse_args()
     first, last = (int(word) for word in arguments.seeds.split(":"))
     begun, seeds = time.perf_counter(), range(first, last)
-    if arguments.jobs > 1:
-        with ProcessPoolExecutor(arguments.jobs) as pool:
-            sets = list(pool.map(run, seeds, [arguments.tool] * len(seeds), chunksize=8))
-    else:
-        sets = [run(seed, arguments.tool) for seed in seeds]
+    sets = over(partial(run, asked=arguments.tool), seeds, arguments)
     report(sets)
     if arguments.verbose:
         print("usable, and worse:", *(_told(each) for each in sets if each.usable and not each.better), sep="\n")

@@ -56,8 +56,9 @@ def test_each_robot_is_fitted_as_by_itself(run_cli: Run, fleet: Path) -> None:
         rows = list(csv.DictReader(stream))
     assert [float(row["after_mm"]) for row in rows] == pytest.approx([row["after_mm"] for row in told["robots"]])
     assert all(float(row["after_mm"]) < float(row["before_mm"]) for row in rows)
-    page = (fleet / "out" / "index.html").read_text()
+    page = (fleet / "out" / "index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     assert page.count("with reservations") >= ROBOTS
+    assert f"{ROBOTS} robots: {ROBOTS} with reservations" in page
     assert "Who stands out" in page
     assert (fleet / "out" / "parameters.parquet").read_bytes()[:4] == b"PAR1"
 
@@ -168,3 +169,24 @@ def test_processes_that_cannot_be_started_are_told_of(run_cli: Run, fleet: Path,
     done = run_cli("fleet", "fleet.csv", "-o", "out", "--workers", "2")
     said = "urdfcal: 2 processes cannot be started here: [Errno 24] Too many open files; --workers 1 does without\n"
     assert (done.code, done.err) == (2, said)
+
+
+def test_a_wrong_description_is_told_from_wrong_robots(run_cli: Run, fleet: Path) -> None:
+    """A joint that is 8 mm farther out in all robots is named, and `fit --prior-from` begins there; other models have their own prior."""
+    wrong = URDF.replace('<origin xyz="0.3 0 0" rpy="0.1 0 0"/>', '<origin xyz="0.292 0 0" rpy="0.1 0 0"/>')
+    assert wrong != URDF
+    (fleet / "wrong.urdf").write_text(wrong.replace('name="small"', 'name="other"'))
+    rows = [f"{file},r{robot}.csv,{file[0]}{robot}" for file, count in (("small.urdf", 3), ("wrong.urdf", 5)) for robot in range(count)]
+    (fleet / "two.csv").write_text("\n".join(["description,measurements,name", *rows]))
+    done = run_cli("fleet", "two.csv", "-o", "out", "--workers", "1", "--fit", "--no-sag --no-ask --error-model placement")
+    assert "all 5 robots of other share lift.trans_x " in done.err
+    assert "robots of small share" not in done.err
+    priors = {name: yaml.safe_load((fleet / "out" / f"prior_{name}.yaml").read_text()) for name in ("small", "other")}
+    assert "shared" not in priors["small"]
+    ((name, entry),) = priors["other"]["shared"].items()
+    assert abs(abs(entry["value_mm"]) - 8) < 3 * entry["sigma_mm"] < 4
+    assert "All 5 robots of other share" in (fleet / "out" / "index.html").read_text()
+    words = ("--no-sag", "--no-ask", "--error-model", "placement", "--prior-from", "out/prior_other.yaml", "--json")
+    parameters = json.loads(run_cli("fit", "wrong.urdf", "r4.csv", "-o", "next.urdf", *words).out)["parameters"]
+    means = {parameter["name"]: parameter["prior_mean"] for parameter in parameters if "prior_mean" in parameter}
+    assert means == pytest.approx({name: entry["value_mm"] / 1e3})

@@ -31,6 +31,7 @@ from urdfcal.cli.inputs import (
     rig_file_of,
     rig_options,
     sensor_noise,
+    with_shared,
 )
 from urdfcal.cli.options import (
     OUTPUT,
@@ -314,9 +315,11 @@ def fit(
     require_lasers_for(data, chosen(estimate), screen=screen, laser=laser)
     require_ends_for(data, reference_known=reference_known, target_known=target_known)
     priors = priors_of(prior_joint, prior_mount, prior_screen, prior_beams)
-    if prior_from is not None:
-        priors["joint"] = fleets_prior(prior_from, prior_joint)
+    fleets = fleets_prior(prior_from, prior_joint) if prior_from is not None else None
+    priors |= {"joint": fleets.scale} if fleets is not None else {}
     options = laid_over(rig_options(rig_file, rig, arm), error_model and error_model.value, chosen(estimate), fix or (), only or (), priors)
+    if prior_from is not None and fleets is not None:
+        options = with_shared(options, fleets.mean, arm, prior_from, quiet)
     how: dict[str, Any] = {
         "estimator": estimator.value,
         "schedule": schedule.value,

@@ -52,22 +52,20 @@ def fleet(
     from urdfcal.base.terminal import many
     from urdfcal.estimation.evidence import LEAST_POSES
     from urdfcal.fleet.manifest import fleet_rows
-    from urdfcal.fleet.prior import fleet_prior
-    from urdfcal.fleet.told import counted
+    from urdfcal.fleet.told import counted, shared_words
     from urdfcal.fleet.unlike import standing_out
-    from urdfcal.fleet.written import written
+    from urdfcal.fleet.written import fleet_priors, written
 
     rows = fleet_rows(manifest, _words(options))
     into = _folder(output)
     with working_through(f"fitting {many(len(rows), 'robot')}", quiet):
         outcomes = _all(rows, into, workers, scheduler)
-    likelihoods = {own.name: told for own in outcomes if (told := own.likelihood) is not None}
-    prior = fleet_prior(likelihoods)
-    unlike = standing_out(outcomes)
-    files = written(into, outcomes, prior, unlike)
-    unsure = [own.name for own in outcomes if own.joints and not own.noise_known]
+    priors = fleet_priors(outcomes)
+    files = written(into, outcomes, priors, standing_out(outcomes))
+    unsure = [own.name for own in outcomes if own.result and not own.noise_known]
     few = f"fewer than {LEAST_POSES} poses, and the noise of what was read is not stated: left out of the prior"
     warn([f"{', '.join(unsure[:_TOLD])}{' ...' if len(unsure) > _TOLD else ''}: {few}"] if unsure else [], quiet)
+    warn(shared_words(priors), quiet)
     bad = [own for own in outcomes if own.use in ("no", "failed")]
     warn([f"{own.name}: {own.said}" for own in bad[:_TOLD]], quiet)
     warn([f"and {len(bad) - _TOLD} more: see summary.csv"] if len(bad) > _TOLD else [], quiet)

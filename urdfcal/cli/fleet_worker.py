@@ -117,12 +117,14 @@ def _joints(record: Path) -> dict[str, Any]:
     content = yaml.load(record.read_text("utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     posterior, told = content.get("posterior"), {entry["name"]: entry for entry in content["parameters"]}
     names = [name for name in (posterior or {}).get("names", []) if name in told]
+    model = {"model": str(content["robot"]["name"])}
     if not posterior or len(names) < len(posterior["names"]):  # with joints of an earlier calibration: not this robot's own
-        return {}
-    return {
+        return model
+    return model | {
         "names": names,
         "units": [told[name]["unit"] for name in names],
         "values": [told[name]["value"] for name in names],
         "covariance": posterior["covariance"],
         "prior_sigma": posterior["prior_sigma"],
+        "prior_mean": [told[name].get("prior_mean", 0.0) for name in names],
     }

@@ -11,7 +11,10 @@ from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import asked_quiet, warn
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from urdfcal.calibration.rig_file import RigFile
+    from urdfcal.fleet.prior_file import FleetsWord
     from urdfcal.model.earlier import EarlierJoints
     from urdfcal.model.error_model import ErrorModel
     from urdfcal.model.options import ModelOptions
@@ -377,18 +380,36 @@ def priors_of(joint: str | None, mount: str | None, screen: str | None, beams: s
     return {kind: parse_prior(text) for kind, text in stated.items() if text is not None}
 
 
-def fleets_prior(path: Path, joint: str | None) -> PriorScale:
-    """The joints' prior of a fleet.
+def fleets_prior(path: Path, joint: str | None) -> FleetsWord:
+    """What a fleet says of its next robot.
 
     Raises:
         InputError: the file is none.
         UsageError: another one is stated, too.
     """
-    from urdfcal.fleet.prior import read_prior
+    from urdfcal.fleet.prior_file import read_prior
 
     if joint is not None:
         raise UsageError("--prior-from and --prior-joint both state the joints' prior; use one of the two")
     return read_prior(path)
+
+
+def with_shared(options: ModelOptions, shared: Mapping[str, float], robot: Robot, path: Path, quiet: bool) -> ModelOptions:
+    """Options that begin at what all robots of a fleet share, but for what they say of a parameter themselves.
+
+    A parameter that this fit does not estimate is told of in a warning.
+    """
+    from dataclasses import replace
+
+    from urdfcal.model.gauge import build_error_model
+    from urdfcal.model.options import ParameterPrior
+
+    if not shared:
+        return options
+    names = build_error_model(robot.chain, robot.rig, replace(options, fix=(), only=(), single={})).names
+    unknown = [name for name in shared if name not in names]
+    warn([f"{path}: {name} is shared by that fleet, and no parameter of this fit: left out" for name in unknown], quiet)
+    return replace(options, single={name: ParameterPrior(mean=shared[name]) for name in shared if name in names} | dict(options.single))
 
 
 def joint_noise(robot: Robot, rig: RigFile, stated_deg: float | None) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from urdfcal.estimation.evidence import LEAST_POSES
-from urdfcal.fleet.prior import Likelihood
+from urdfcal.fleet.likelihood import Likelihood
 
 USES = {"yes": "can be used", "reservations": "with reservations", "no": "do not use", "failed": "failed"}
 WHEN = ("before", "after", "test")
@@ -28,7 +28,7 @@ class Outcome:
         seconds: What it took, of processor time.
         kept: Whether it was there from an earlier run.
         result: As `fit --json` has it; empty where there is none.
-        joints: Names, units, values, covariance and prior standard deviations of the joints' parameters, as the record has them.
+        joints: The robot's `model`; names, units, values, covariance and priors of the joints' parameters, as the record has them.
     """
 
     name: str
@@ -75,8 +75,13 @@ class Outcome:
         told = self.joints
         if not told.get("names") or not self.noise_known:
             return None
-        x, P, sigma = (np.array(told[key], dtype=float) for key in ("values", "covariance", "prior_sigma"))
-        return Likelihood.of(told["names"], told["units"], x, P, sigma)
+        x, P, sigma, mean = (np.array(told.get(key, 0.0), dtype=float) for key in ("values", "covariance", "prior_sigma", "prior_mean"))
+        return Likelihood.of(told["names"], told["units"], x, P, sigma, mean)
+
+    @property
+    def model(self) -> str:
+        """The robot's name in its description; robots of one name are of one model."""
+        return str(self.joints.get("model", ""))
 
     def row(self, units: Sequence[str]) -> dict[str, Any]:
         """One row of the summary, with distances in these units."""
@@ -99,6 +104,15 @@ class Outcome:
     def said(self) -> str:
         """Why it failed, or what is held against it."""
         return self.message or "; ".join(self.result.get("verdict", {}).get("reasons", ()))
+
+
+def by_model(outcomes: Sequence[Outcome]) -> dict[str, list[Outcome]]:
+    """Robots that were fitted, by their model."""
+    found: dict[str, list[Outcome]] = {}
+    for own in outcomes:
+        if own.result:
+            found.setdefault(own.model, []).append(own)
+    return found
 
 
 def units_of(outcomes: Sequence[Outcome]) -> list[str]:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from urdfcal.base.geometry import Vector
-from urdfcal.base.terminal import displayed, rounded
-from urdfcal.fleet.outcome import USES, WHEN, Outcome, units_of
+from urdfcal.base.terminal import displayed, many, rounded
+from urdfcal.fleet.outcome import USES, WHEN, Outcome, by_model, units_of
 from urdfcal.fleet.prior import FleetPrior
-from urdfcal.fleet.told import opening
+from urdfcal.fleet.prior_file import prior_name
+from urdfcal.fleet.told import opening, shared_words
 from urdfcal.fleet.unlike import StandsOut
 from urdfcal.model.parameters import Parameter
 from urdfcal.output.report.document import Table
@@ -21,21 +22,26 @@ from urdfcal.output.report.plots.svg import Picture, draw_picture, row_ends, row
 
 _INTERVAL = 1.96
 _MOST_ROWS = 40  # robots that a picture names
+_MOST_NAMED = 12  # robots of whom the same is said
+_UNBROKEN = "\N{NO-BREAK SPACE}"
 
 
-def fleet_page(outcomes: Sequence[Outcome], prior: FleetPrior | None, unlike: Sequence[StandsOut]) -> str:
+def fleet_page(outcomes: Sequence[Outcome], priors: Sequence[FleetPrior], unlike: Sequence[StandsOut]) -> str:
     """The page, as an HTML document."""
     good = [own for own in outcomes if own.result]
-    drawn = {"accuracy": _accuracy(good), "parameters": _parameters(good, prior)}
+    models = by_model(outcomes)
+    of_model = {prior.model: prior for prior in priors}
+    parameters = [each for model, own in models.items() for each in _parameters(own, of_model.get(model), model if len(models) > 1 else "")]
     return filled_page(
         "fleet.html.j2",
         opening=[f"{line[0].upper()}{line[1:]}." for line in opening(outcomes)],
         level="good" if len(good) == len(outcomes) and all(own.use != "no" for own in good) else "note",
         robots=_robots(outcomes),
+        said=_said(outcomes),
         unlike=_unlike(unlike),
-        prior=_prior(prior),
-        gains=_gains(prior),
-        pictures=drawn,
+        shared=[f"{said[0].upper()}{said[1:]}." for said in shared_words(priors)],
+        priors=[(prior_name(prior, priors), _prior(prior), _gains(prior)) for prior in priors],
+        pictures={"accuracy": _accuracy(good), "parameters": parameters},
     )
 
 
@@ -45,8 +51,27 @@ def _robots(outcomes: Sequence[Outcome]) -> Table:
     rows = []
     for own in outcomes:
         figures = (_figure(own.mean(*each)) for each in known)
-        rows.append((own.name, USES[own.use], own.said, str(own.result.get("poses", {}).get("count", "–")), *figures))
-    return Table(("robot", "verdict", "what is said", "poses", *(f"{when}, {unit}" for when, unit in known)), tuple(rows), words=3)
+        verdict = USES[own.use].replace(" ", _UNBROKEN)
+        rows.append((own.name, verdict, str(own.result.get("poses", {}).get("count", "–")), *figures))
+    return Table(("robot", "verdict", "poses", *(f"{when}, {unit}" for when, unit in known)), tuple(rows), words=2)
+
+
+def _said(outcomes: Sequence[Outcome]) -> Table | None:
+    """What is held against robots, those of whom the same is said together, failed ones first."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for use in reversed(USES):
+        for own in outcomes:
+            if own.use == use and own.said:
+                said.setdefault((USES[use].replace(" ", _UNBROKEN), own.said), []).append(own.name)
+    if not said:
+        return None
+    rows = [(verdict, why, _listed(names)) for (verdict, why), names in said.items()]
+    return Table(("verdict", "what is said", "robots"), tuple(rows), words=3)
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return ", ".join(names[:_MOST_NAMED]) + more
 
 
 def _figure(value: float) -> str:
@@ -63,9 +88,7 @@ def _unlike(unlike: Sequence[StandsOut]) -> Table | None:
     return Table(("robot", "what", "its own", "fleet's median", "unit", "σ off"), tuple(rows), words=2)
 
 
-def _prior(prior: FleetPrior | None) -> Table | None:
-    if prior is None:
-        return None
+def _prior(prior: FleetPrior) -> Table:
     rows = []
     for group, scale in prior.scales.items():
         unit, size = displayed("m" if group == "translation" else "rad")
@@ -73,13 +96,12 @@ def _prior(prior: FleetPrior | None) -> Table | None:
     return Table(("errors", "standard deviation", "unit", "numbers that told"), tuple(rows))
 
 
-def _gains(prior: FleetPrior | None) -> str:
-    if prior is None:
-        return ""
-    gains = np.array(list(prior.gains.values()))
+def _gains(prior: FleetPrior) -> str:
+    gains, robots = np.array(list(prior.gains.values())), many(len(prior.gains), "robot")
+    of = f" of {prior.model}" if prior.model else ""
     return (
-        f"Each robot left out in turn: under the prior of the others its measurements are the more probable than under the usual one for "
-        f"{int((gains > 0).sum())} of {len(gains)}, by {rounded(np.median(gains), 2)} nats in the median."
+        f"{robots}{of}, each left out in turn: under what the others say, its measurements are more probable than under the usual prior "
+        f"for {int((gains > 0).sum())} of {len(gains)}, by {rounded(np.median(gains), 2)} nats in the median."
     )
 
 
@@ -92,7 +114,7 @@ def _accuracy(good: Sequence[Outcome]) -> list[Picture]:
         caption = "Mean distance from measured to predicted" + (
             f"; the {_MOST_ROWS} worst of {len(own)}." if len(own) > len(shown) else "."
         )
-        found.append(draw_picture("accuracy", "Before and after", caption, row_height(len(shown)), _Accuracy(shown, unit).draw))
+        found.append(draw_picture("accuracy", f"Before and after, in {unit}", caption, row_height(len(shown)), _Accuracy(shown, unit).draw))
     return found
 
 
@@ -116,7 +138,7 @@ class _Accuracy:
         axes.x_label, axes.y_ends = f"in {self.unit}", row_ends(len(self.robots))
 
 
-def _parameters(good: Sequence[Outcome], prior: FleetPrior | None) -> list[Picture]:
+def _parameters(good: Sequence[Outcome], prior: FleetPrior | None, model: str) -> list[Picture]:
     """Every joint parameter of all robots, lengths and angles apart, over the band of the fleet's prior."""
     found = []
     for unit_si, title in (("m", "Lengths over the fleet"), ("rad", "Angles over the fleet")):
@@ -129,6 +151,7 @@ def _parameters(good: Sequence[Outcome], prior: FleetPrior | None) -> list[Pictu
         if values:
             unit, _ = displayed(unit_si)
             caption = f"A mark a robot, in {unit}" + ("; the band is the fleet's prior (95 %)." if prior is not None else ".")
+            title = f"{title}: {model}" if model else title
             found.append(draw_picture("parameters", title, caption, row_height(len(values)), _Spread(values, unit_si, prior).draw))
     return found
 
@@ -145,7 +168,9 @@ class _Spread:
         if self.prior is not None:
             groups = [Parameter(name, self.unit, "joint", 0.0, 1.0).scale_group for name in self.values]
             half = _INTERVAL * np.array([self.prior.scales.get(group, np.nan) for group in groups]) / size
-            axes.bars(-half, half, place, "band")
+            shared = {own.name: own.value for own in self.prior.shared}
+            middle = np.array([shared.get(name, 0.0) for name in self.values]) / size
+            axes.bars(middle - half, middle + half, place, "band")
         axes.across(x=0.0)
         for row, own in zip(place, self.values.values(), strict=True):
             axes.points(np.array(own) / size, np.full(len(own), row), Look("c0", "o", size=4.0))

@@ -88,8 +88,8 @@ def _client(stack: ExitStack, workers: int, scheduler: str | None) -> tuple[Any,
     except ImportError:
         raise UsageError("several processes want dask: pip install 'urdfcal[fleet]', or use --workers 1") from None
     stack.enter_context(dask.config.set(_DASK))
-    own: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1, "silence_logs": logging.CRITICAL}
-    own |= {"dashboard_address": ":0", "scheduler_kwargs": {"dashboard": False}}  # any port, so that fleets run beside each other
+    seen = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}  # any port, so that two fleets do not meet at one
+    own = {"n_workers": workers, "threads_per_worker": 1, "scheduler_kwargs": seen, "silence_logs": logging.CRITICAL}
     try:
         cluster = stack.enter_context(distributed.LocalCluster(**own)) if scheduler is None else None
         return stack.enter_context(distributed.Client(cluster or scheduler, timeout="10s")), distributed

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from urdfcal.base.terminal import many, rounded
+from urdfcal.base.terminal import displayed, many, rounded, value_and_sigma
 from urdfcal.fleet.outcome import USES, Outcome, units_of
+from urdfcal.fleet.prior import FleetPrior
 
 
 def counted(outcomes: Sequence[Outcome], among: Sequence[str] = tuple(USES)) -> str:
@@ -30,3 +31,18 @@ def opening(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _number(value: float) -> str:
     return rounded(float(value), 3)
+
+
+def shared_words(priors: Sequence[FleetPrior]) -> list[str]:
+    """What all robots of a model share, and what is to be done about it."""
+    return [f"{said}: the description is off there, and not each of them; mend it" for prior in priors for said in shared_of(prior)]
+
+
+def shared_of(prior: FleetPrior) -> list[str]:
+    """`all 12 robots share elbow_joint.d_a +1.02 ± 0.03 mm`, for each."""
+    of = f" of {prior.model}" if prior.model else ""
+    found = []
+    for own in prior.shared:
+        unit, size = displayed(own.unit)
+        found.append(f"all {len(prior.gains)} robots{of} share {own.name} {value_and_sigma(own.value / size, own.sigma / size)} {unit}")
+    return found

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM, Vector
-from urdfcal.fleet.outcome import Outcome, units_of
+from urdfcal.fleet.outcome import Outcome, by_model, units_of
 from urdfcal.model.parameters import Parameter
 
 _FAR = 4.0  # robust standard deviations from the fleet's median by which a robot stands out
@@ -41,10 +41,16 @@ class StandsOut:
 
 
 def standing_out(outcomes: Sequence[Outcome]) -> list[StandsOut]:
-    """Who is unlike the others, the farthest first: of a parameter the fleet's spread is its own, and no less than usual in its group."""
-    fitted = [own for own in outcomes if own.result]
-    if len(fitted) < _LEAST:
-        return []
+    """Who is unlike the others of its model, the farthest first.
+
+    Of a parameter the fleet's spread is its own, and no less than usual in its group.
+    """
+    found = [each for own in by_model(outcomes).values() if len(own) >= _LEAST for each in _among(own)]
+    return sorted(found, key=lambda each: -abs(each.times))
+
+
+def _among(fitted: Sequence[Outcome]) -> list[StandsOut]:
+    """The same among robots of one model."""
     found = []
     for unit in units_of(fitted):
         si, size = _SI.get(unit, (unit, 1.0))
@@ -54,7 +60,7 @@ def standing_out(outcomes: Sequence[Outcome]) -> list[StandsOut]:
     for each in over:
         alike = [other.spread for other in over if other.group == each.group]
         found += each.apart(float(np.median(alike)))
-    return sorted(found, key=lambda each: -abs(each.times))
+    return found
 
 
 def _over_the_fleet(fitted: Sequence[Outcome]) -> Iterator[_Over]:

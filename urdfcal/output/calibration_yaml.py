@@ -127,6 +127,7 @@ def parameter_entries(calibration: FitResult) -> list[dict[str, Any]]:
             "unit": parameter.unit,
             "determined": determined,
             "prior_sigma": parameter.sigma,
+            **({"prior_mean": parameter.mean} if parameter.mean else {}),
         }
         for parameter, value, sigma, determined in rows
     ]
