@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from urdfcal.base.errors import CalibrationFileError, UsageError, did_you_mean
 from urdfcal.base.files import read_yaml
 from urdfcal.base.foreign_text import shown
-from urdfcal.base.geometry import SE3, distance_mm_mrad, pose
+from urdfcal.base.geometry import SE3, distance_mm_mrad
 from urdfcal.base.yaml_kinds import is_not
 from urdfcal.calibration.result import FitResult
 from urdfcal.model.earlier import EarlierJoints
@@ -21,84 +20,11 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.robot.corrections import Applicable, OriginCorrection, applied, same_origin
 from urdfcal.robot.robot import Robot, require_robot, with_text
 from urdfcal.robot.urdf_writer import with_origins
-from urdfcal.robot.urdf_xml import FARTHEST
 from urdfcal.sensors.measurements import Measurements
 
 if TYPE_CHECKING:
+    from urdfcal.output.stored_entries import PosteriorEntry
     from urdfcal.output.view.viewer import View
-
-
-Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
-Triple = tuple[Finite, Finite, Finite]
-
-
-class _Loose(BaseModel):
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-
-class OriginEntry(_Loose):
-    """xyz in metres, rpy in radians."""
-
-    xyz: Triple
-    rpy: Triple
-
-    def placement(self) -> SE3:
-        """As a placement."""
-        return pose(np.array(self.xyz), np.array(self.rpy))
-
-
-class JointEntry(_Loose):
-    """One calibrated joint."""
-
-    moves: bool
-    nominal: OriginEntry
-    corrected: OriginEntry
-
-
-class PosteriorEntry(_Loose):
-    """What was decided of the joints' parameters."""
-
-    names: list[str] = Field(min_length=1)
-    prior_sigma: list[Finite]
-    twists: list[tuple[Finite, Finite, Finite, Finite, Finite, Finite]]
-    covariance: list[list[Finite]]
-
-    @model_validator(mode="after")
-    def _gaussian(self) -> PosteriorEntry:
-        size = len(self.names)
-        counts = {len(self.prior_sigma), len(self.twists), len(self.covariance), *map(len, self.covariance)}
-        if counts != {size}:
-            raise ValueError(f"expected a standard deviation, a twist and a row of {size} covariances for each of the {size} names")
-        covariance = np.array(self.covariance)
-        scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-        correlation = covariance / np.outer(scale, scale)
-        if not np.allclose(correlation, correlation.T, atol=1e-6) or np.linalg.eigvalsh(correlation).min() <= 0:
-            raise ValueError("the covariance is not symmetric and positive")
-        if min(self.prior_sigma, default=1.0) <= 0:
-            raise ValueError("a prior's standard deviation must be above zero")
-        return self
-
-
-class RobotEntry(_Loose):
-    """The description that was calibrated."""
-
-    file: str = ""
-
-
-class RigEntry(_Loose):
-    """What measured."""
-
-    module: str = ""
-    targets: list[str] = Field(default_factory=list)
-
-
-class CalibrationEntries(_Loose):
-    """The part of the file that is read back."""
-
-    joints: dict[str, JointEntry] = Field(min_length=1)
-    posterior: PosteriorEntry | None = None
-    robot: RobotEntry | None = None
-    rig: RigEntry | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -229,6 +155,10 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     Raises:
         CalibrationFileError: the file is not one.
     """
+    from pydantic import ValidationError
+
+    from urdfcal.output.stored_entries import CalibrationEntries, RigEntry
+
     path = Path(path)
     file = read_yaml(path, CalibrationFileError)
     if not isinstance(file.content, dict) or "joints" not in file.content:
