@@ -32,11 +32,8 @@ from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale
 from urdfcal.output.accounts import Said, accounts_of
 from urdfcal.output.calibration_yaml import calibration_yaml
-from urdfcal.output.cards import calibration_card, check_card, comparison_card
-from urdfcal.output.drawn import convergence_figure, residuals_figure, spots_figure
 from urdfcal.output.formats import Deployed
 from urdfcal.output.pairs import warn_if_mixed
-from urdfcal.output.report.files import write_report
 from urdfcal.output.stored import StoredCalibration, read_calibration
 from urdfcal.output.stored import apply as put_on
 from urdfcal.output.text.check import check_blocks
@@ -126,6 +123,8 @@ class Calibration(FitResult, Applicable):
         return verdict_of(self)
 
     def _repr_html_(self) -> str:
+        from urdfcal.output.cards import calibration_card
+
         return calibration_card(self, self.verdict)
 
     def require_trustworthy(self) -> None:
@@ -168,14 +167,20 @@ class Calibration(FitResult, Applicable):
         Raises:
             UsageError: nothing was measured that has a place, as where only angles were.
         """
+        from urdfcal.output.drawn import spots_figure
+
         return spots_figure(self)
 
     def plot_residuals(self) -> Figure:
         """How large residuals are beside what noise alone would show, and each number against the pose."""
+        from urdfcal.output.drawn import residuals_figure
+
         return residuals_figure(self)
 
     def plot_convergence(self) -> Figure:
         """The estimates after each sweep, as in the paper's Fig. 4, and the RMS."""
+        from urdfcal.output.drawn import convergence_figure
+
         return convergence_figure(self)
 
     def write_report(self, path: str | Path, command: Sequence[str] = ()) -> None:
@@ -184,6 +189,8 @@ class Calibration(FitResult, Applicable):
         Raises:
             UsageError: the file has another ending, or cannot be written.
         """
+        from urdfcal.output.report.files import write_report
+
         write_report(Path(path), self, command or sys.argv)
 
     def to_latex(self) -> str:
@@ -325,6 +332,8 @@ class Prediction(analysis_check.Check):
         return as_text(check_blocks(self))
 
     def _repr_html_(self) -> str:
+        from urdfcal.output.cards import check_card
+
         return check_card(self)
 
 
@@ -385,6 +394,8 @@ class Comparison(comparison.Comparison):
         return f"<{type(self).__name__} at {shown(self.tool)}: {in_short(self)}>"
 
     def _repr_html_(self) -> str:
+        from urdfcal.output.cards import comparison_card
+
         return comparison_card(self)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from copy import copy
 from functools import cache
 from typing import Annotated, Any, NoReturn
 
@@ -75,9 +76,12 @@ def _print_version() -> None:
 
 
 @cache
-def _commands() -> Any:
-    """What typer makes of all commands, once a process: it evaluates the annotations of every option."""
-    return typer.main.get_command(app)
+def _commands(wanted: str) -> Any:
+    """What typer makes of the command that is wanted, else of all, once a process: it evaluates the annotations of every option."""
+    own = [command for command in app.registered_commands if command.name == wanted]
+    alone = copy(app)
+    alone.registered_commands = own or app.registered_commands
+    return typer.main.get_command(alone)
 
 
 def main() -> NoReturn:
@@ -87,7 +91,7 @@ def main() -> NoReturn:
         sys.argv[0] = "urdfcal"  # as it is called in what is recorded, also where it ran as a module
         with our_streams() as heard:
             opened.begin()
-            code = run(_commands())
+            code = run(_commands(sys.argv[1] if len(sys.argv) > 1 else ""))
             settle()
     except UrdfcalError as error:  # of the streams themselves
         sys.exit(told(str(error), error.exit_code))

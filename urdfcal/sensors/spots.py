@@ -51,7 +51,6 @@ _ON_SCREEN = {
     "y and z of the spots swapped and mirrored": [[0, -1], [-1, 0]],
 }
 LEAST_LENGTH = 0.1  # [m] of beams that are simulated: nearer to the screen the nominal robot's module may already stand behind it
-_ALONG, _TURNING = np.eye(2), np.array([-1.0, 1.0])
 LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
 
 
@@ -101,13 +100,15 @@ def spot_jacobian(spots: Array3, direction: Array3) -> Array4:
     Returns:
         (n, lasers, 2, 6); rows are y and z of the spot.
     """
-    jac2 = np.empty((*spots.shape[:-1], 2, 6))
+    y, z = spots[..., 0], spots[..., 1]
+    jac2 = np.zeros((*y.shape, 2, 6))
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = direction[..., 1:] / -direction[..., :1]
         jac2[..., 0] = lean
-        jac2[..., 1:3] = _ALONG
-        jac2[..., 3] = spots[..., ::-1] * _TURNING
-        jac2[..., 4:] = lean[..., None] * (spots[..., ::-1] * -_TURNING)[..., None, :]
+        jac2[..., 0, 1] = jac2[..., 1, 2] = 1.0
+        jac2[..., 0, 3], jac2[..., 1, 3] = -z, y
+        jac2[..., 4] = z[..., None] * lean
+        jac2[..., 5] = -y[..., None] * lean
     return jac2
 
 
