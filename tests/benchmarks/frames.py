@@ -1,9 +1,10 @@
 """Do the covariances of frames keep their promise? Where instruments and targets are said to be, against where they were put.
 
-    python tests/benchmarks/frames.py [--sets N] [--poses N] [--case NAME]
+    python tests/benchmarks/frames.py [--sets N] [--poses N] [--case NAME] [--six]
 
 Robots with errors of 2 mm and 0.2 deg in the parameters of the automatic model, so that the truth is told in the gauge of the fit; the
-scales of the joints' priors are chosen by the fit. *Hold*: how often the 95 % intervals of a frame's numbers (x, y, z, rot_x, rot_y, rot_z
+scales of the joints' priors are chosen by the fit. With `--six` they are wrong in all six directions of every joint, and the truth is what
+a fit makes of readings without noise. *Hold*: how often the 95 % intervals of a frame's numbers (x, y, z, rot_x, rot_y, rot_z
 in its own axes) hold the truth, pooled. *Whole*: how often the six of a frame together lie in their 95 % ellipsoid. *Error* and *sigma*:
 RMS of what a frame is off by, and of what is claimed. *Read back*: how far the written URDF, frames included, is from what the fit
 predicts of target and instrument, at the poses that were fitted.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.found_frames import found_frames
 from urdfcal.model.gauge import build_error_model
+from urdfcal.model.options import ModelOptions
 from urdfcal.robot.description import Description
 from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.placed_frames import FramesWish
@@ -33,8 +35,8 @@ from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import robot_from
 from urdfcal.robot.sheet import ScreenArea
 from urdfcal.sensors.camera import Camera
-from urdfcal.simulation.readings import ReadingNoise
-from urdfcal.simulation.setup import parse_sensors, seen_with
+from urdfcal.simulation.readings import ReadingNoise, simulated_readings
+from urdfcal.simulation.setup import SimulatedSetup, parse_sensors, seen_with
 from urdfcal.simulation.simulated import simulated_by
 
 Array = npt.NDArray[np.float64]
@@ -47,12 +49,13 @@ Z95 = 1.959963984540054
 
 @dataclass(frozen=True)
 class Case:
-    """A robot, what reads, and what it is read from."""
+    """A robot, what reads, what it is read from, and whether it is wrong in all six directions of every joint."""
 
     robot: str
     sensors: tuple[str, ...]
     reference: str = ""
     boards: Mapping[str, Grid] = field(default_factory=dict)
+    six: bool = False
 
 
 CASES = {
@@ -93,17 +96,28 @@ def one_set(case: Case, poses: int, seed: int, tally: Tally) -> None:
     robot = urdfcal.load_robot(ROBOTS / case.robot / f"{case.robot}.urdf.xacro")
     sensors, _ = parse_sensors(case.sensors, robot, 0, case.boards)
     seen = seen_with(robot, sensors, case.reference, False, case.boards)
-    errors = build_error_model(seen.chain, seen.rig)
+    errors = build_error_model(seen.chain, seen.rig, ModelOptions(error_model="placement" if case.six else "auto"))
     x = rng.normal(0, 1, len(errors.names)) * np.where(np.array(errors.units) == "m", 2 * MM, 0.2 * DEG)
     camera = CAMERA if case.boards else None
     setup, found = simulated_by(seen, errors, x, sensors, (poses, 0), rng, NOISE, area=ScreenArea(3.0), camera=camera, boards=case.boards)
     calibration = urdfcal.fit(robot, found.data)
-    zero = np.zeros((len(setup.x), len(setup.x)))
-    truth = found_frames(seen.tree, seen.rig, setup.errors, setup.x, zero, ())
+    truth = in_gauge(setup, robot, poses, seed) if case.six else true_frames(setup)
     for true, own in zip(truth, calibration.frames, strict=True):
         assert true.child == own.child
         tally.add(true, own)
     tally.off = max(tally.off, read_back(calibration))
+
+
+def true_frames(setup: SimulatedSetup) -> tuple[FoundFrame, ...]:
+    """Where instruments and targets were put, on the links of a robot with errors in the parameters of the fit."""
+    return found_frames(setup.robot.tree, setup.robot.rig, setup.errors, setup.x, np.zeros((len(setup.x), len(setup.x))), ())
+
+
+def in_gauge(setup: SimulatedSetup, robot: urdfcal.Robot, poses: int, seed: int) -> tuple[FoundFrame, ...]:
+    """The same of a robot with errors in all directions, as a fit has it that is told them all: by readings without any noise."""
+    exact = simulated_readings(setup, 3 * poses, np.random.default_rng(seed), ReadingNoise()).data
+    sigmas = dict.fromkeys(exact.kinds, 1e-7)
+    return urdfcal.fit(robot, exact, sigmas=sigmas, evidence=False, gated=False, asking=False, sane=False).frames
 
 
 def read_back(calibration: urdfcal.Calibration) -> float:
@@ -137,6 +151,7 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=40)
     parser.add_argument("--poses", type=int, default=40)
     parser.add_argument("--case", default="")
+    parser.add_argument("--six", action="store_true")
     asked = parser.parse_args()
     print(f"{asked.sets} sets of {asked.poses} poses\n")
     print(f"{'':40} {'frame':20} hold  whole  error mm  sigma mm  error deg  sigma deg")
@@ -146,7 +161,7 @@ def main() -> None:
             continue
         tally = Tally()
         for seed in range(asked.sets):
-            one_set(case, asked.poses, seed, tally)
+            one_set(replace(case, six=asked.six), asked.poses, seed, tally)
         for child, own in tally.held.items():
             sizes = np.sqrt(np.mean(np.array(tally.squares[child]), axis=0)) / [MM, MM, DEG, DEG]
             figures = "  ".join(f"{size:8.4f}" for size in sizes)

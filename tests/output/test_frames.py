@@ -28,6 +28,7 @@ from urdfcal.sensors.measurements_csv import write_measurements
 
 STATIONS = Stations({"leica": "base"})
 ALL = "--write-frames", "--add-frames"
+CHOSEN = "--frame", "eye", "--frame", "tool", "--frame", "leica=tracker"
 
 
 def measured(robot: Robot, rng: np.random.Generator) -> Measurements:
@@ -98,7 +99,7 @@ def test_the_command_line_python_and_a_stored_calibration_write_one_robot(
 ) -> None:
     """`fit` with frames, `Calibration.urdf` and `apply` of the file put every link at the same place."""
     inputs = folder / "cell.urdf", folder / "m.csv", "--rig", folder / "rig.yaml", "--no-sag", "--no-ask"
-    done = run_cli("fit", *inputs, *ALL, "--frame", "eye", "--frame", "leica=tracker", "-o", "a.urdf")
+    done = run_cli("fit", *inputs, *ALL, *CHOSEN, "-o", "a.urdf")
     assert done.code == 0, done.err
     assert re.search(r"eye moved \d.* mm, 0\.\d+ deg, by its joint 'lens'", done.out)
     assert "tracker is a new link on 'base', by the joint 'tracker_joint'" in done.out
@@ -107,14 +108,25 @@ def test_the_command_line_python_and_a_stored_calibration_write_one_robot(
     for robot, frames in ((folder / "cell.urdf", ["corrected"]), ("bare.urdf", [])):
         if not frames:
             assert run_cli("apply", folder / "cell.urdf", "a_calibration.yaml", "-o", "bare.urdf").code == 0
-        words = "apply", robot, "a_calibration.yaml", *ALL, "--frame", "eye", "--frame", "leica=tracker", "-o", "b.urdf", "--overwrite"
+        words = "apply", robot, "a_calibration.yaml", *ALL, *CHOSEN, "-o", "b.urdf", "--overwrite"
         applied = run_cli(*words, "--json", "-q")
-        assert json.loads(applied.out)["frames_in_urdf"] == {"written": {"eye": "lens"}, "added": {"tracker": "base"}}
+        assert json.loads(applied.out)["frames_in_urdf"] == {"written": {"eye": "lens", "tool": "flange"}, "added": {"tracker": "base"}}
         for name, place in placements(Path("b.urdf").read_bytes()).items():
             assert_poses_close(place, wanted[name], mm=1e-6, mrad=1e-6)
-    in_python = placements(calibration.urdf(write_frames=True, add_frames=True, only={"eye": "", "leica": "tracker"}))
+    in_python = placements(calibration.urdf(write_frames=True, add_frames=True, only={"eye": "", "tool": "", "leica": "tracker"}))
     for name, place in in_python.items():
         assert_poses_close(place, wanted[name], mm=1e-6, mrad=1e-6)
+
+
+def test_a_robot_with_its_frames_needs_no_more_of_them(folder: Path, calibration: Calibration, run_cli: Callable[..., CliResult]) -> None:
+    """Measured from the written frames themselves, and of the written targets themselves, it is as far off as the fit says."""
+    calibration.write_urdf("w.urdf", write_frames=True, add_frames=True, only={"eye": "", "tool": "", "leica": "tracker"})
+    Path("known.yaml").write_text("instruments: {leica: {link: tracker}}\nreference_known: true\ntarget_known: true\n")
+    done = run_cli("evaluate", "w.urdf", folder / "m.csv", "--rig", "known.yaml", "--json", "-q")
+    rows = json.loads(done.out)["before"]
+    assert rows.keys() == calibration.after.keys()
+    for name, row in calibration.after.items():
+        assert rows[name]["max_mm" if row.unit == "mm" else "max_deg"] == pytest.approx(row.max, rel=1e-6)
 
 
 def test_frames_go_nowhere_unless_they_are_asked_for(calibration: Calibration, stored: StoredCalibration) -> None:
@@ -260,3 +272,17 @@ def test_formats_that_have_fixed_joints_hold_links_that_stand_for_frames(name: s
     content = deployed(own, EVERY.chosen(own.frames(), own.robot.tree)).content(name).decode()
     assert "flange" in content
     assert ("leica" in content) == (name in ("urdf", "rising"))
+
+
+@pytest.mark.parametrize("onto", [False, True])
+def test_apply_refuses_frames_that_have_no_place(
+    onto: bool, content: dict[str, Any], folder: Path, run_cli: Callable[..., CliResult]
+) -> None:
+    """A calibration without any, and a model in another language, are told in a line, and nothing is written."""
+    Path("c.yaml").write_text(json.dumps(content | {"frames": []}))
+    further = ("--onto", folder / "cell.urdf", "-o", "o.xml") if onto else ("-o", "o.urdf")
+    done = run_cli("apply", folder / "cell.urdf", "c.yaml", "--write-frames", *further)
+    message = "frames go into descriptions in URDF" if onto else "c.yaml: holds no frames; expected what urdfcal fit writes"
+    assert (done.code, done.out, len(done.err.splitlines())) == (2, "", 1)
+    assert message in done.err
+    assert [path.name for path in Path().iterdir()] == ["c.yaml"]

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from urdfcal.base.errors import UsageError
+from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.inputs import about, beside_note, expanded_note, lacking, listed, load, stored_calibration
 from urdfcal.cli.onto_other import put_onto
@@ -123,6 +123,8 @@ def apply(
     plan.require_holding(wish)
     stored = stored_calibration(calibration)
     plan.require_fit_for(arm, stored.corrections)
+    if wish and not stored.frames:
+        raise CalibrationFileError("holds no frames; expected what urdfcal fit writes of targets and instruments: fit again", stored.path)
     frames = wish.chosen(stored.frames, arm.tree)
     origins, missing = stored.origins_for(arm, force, frames)
     links = {own.joint: origins.pop(own.joint) for own in frames.written if own.joint in origins}
