@@ -306,13 +306,16 @@ def _chained(way: Way, targets: Sequence[Target], wanted: Array3, begin: Vector)
 
 
 def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:
-    if not reached.whole[index]:
-        raise InputError(
-            f"the nominal robot does not reach this target: {reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left "
-            "over; see whether base, tool and the frames of the file are those of the controller",
-            file.path,
-            target.line,
-        )
+    named = target.fits is not None and bool(reached.whole[index]) and not target.fits(reached.q[index][None])[0]
+    if reached.whole[index] and not named:
+        return
+    left = f"{reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left over"
+    raise InputError(
+        f"the nominal robot does not reach this target{' in the configuration that is named' if named else f': {left}'}; "
+        "see whether base, tool and the frames of the file are those of the controller",
+        file.path,
+        target.line,
+    )
 
 
 def _told(
