@@ -235,6 +235,9 @@ def test_what_is_left_is_said(ur5: Way, tmp_path: Path) -> None:
     assert "a.src:8: PTP_REL goes from a corrected target" in read("a.src", KRL, ur5, tmp_path).said[0]
     with pytest.raises(UsageError, match="has no targets that are numbers"):
         read("a.src", "DEF p()\nEND", ur5, tmp_path)
+    (tmp_path / "a.dat").touch()
+    with pytest.raises(UsageError, match=r"its points stand in .*a\.dat"):
+        read("a.src", "DEF p()\nPTP XP1\nEND", ur5, tmp_path)
 
 
 def test_the_configuration_is_the_programs_own(ur5: Way, tmp_path: Path) -> None:

@@ -13,7 +13,8 @@ from urdfcal.base.geometry import DEG
 from urdfcal.deploy.orientations import FIXED_ANGLES, KUKA_ANGLES, QUATERNION, QUATERNION_W_FIRST, ROTATION_VECTOR, Orientation
 from urdfcal.deploy.programs.languages import read_program
 from urdfcal.deploy.target_csv import near_from, read_targets
-from urdfcal.deploy.targets import corrected
+from urdfcal.deploy.targets import corrected, with_coupled_axes
+from urdfcal.output.stored import corrected_robot
 from urdfcal.robot.robot import load_robot
 from urdfcal.robot.way import Way
 
@@ -57,6 +58,21 @@ def test_nothing_but_numbers_is_touched(ur5: Way, tmp_path: Path) -> None:
     assert file.with_numbers([each.values for each in same]) == path.read_bytes()
     moved = file.with_numbers([each.values + 0.001 * DEG for each in same]).decode("utf-8-sig")
     assert '"a, b", 10.501,-79.999,"90.251",+20.001,30.001,40.001,"x, ""y"""' in moved
+
+
+def test_an_axis_that_is_counted_from_the_horizontal(ur5: Way, tmp_path: Path, rng: np.random.Generator) -> None:
+    """The description's joint 3 is J3 + J2: what is corrected, and told again, are the positions that the controller has."""
+    errors = {name: ur5.robot.tree.joints[name].origin * pin.exp6(rng.normal(0, 1e-3, 6)) for name in ur5.names}
+    real = Way.between(corrected_robot(ur5.robot, errors), ur5.tool)
+    own = np.array([0.3, -1.2, 1.4, -0.6, 1.2, 0.3])
+    told = own - np.array([0, 0, own[1], 0, 0, 0])  # J3 = joint 3 - J2
+    path = tmp_path / "t.csv"
+    path.write_text(",".join(ur5.names) + "\n" + ",".join(f"{value:.12f}" for value in told))
+    (found,) = corrected(with_coupled_axes(read_targets(path, ur5), 6, 1.0), ur5, real.placements)
+    reached = found.values + np.array([0, 0, found.values[1], 0, 0, 0])
+    np.testing.assert_allclose(real.placements(reached[None]), ur5.placements(own[None]), atol=1e-9)
+    with pytest.raises(UsageError, match="expected 1 or -1"):
+        with_coupled_axes(read_targets(path, ur5), 6, float("nan"))
 
 
 def test_decimal_commas_stay_commas(ur5: Way, tmp_path: Path) -> None:

@@ -79,6 +79,16 @@ def correct(
             show_default=False,
         ),
     ] = None,
+    j23: Annotated[
+        float | None,
+        typer.Option(
+            "--j23",
+            metavar="FACTOR",
+            help="The controller counts axis 3 from the horizontal: the description's joint 3 is its J3 and FACTOR (1 or -1) times its J2, "
+            "as Fanuc's and ABB's parallelogram arms have it. Default: 0.",
+            show_default=False,
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(
@@ -99,7 +109,7 @@ def correct(
     from urdfcal.calibration.analysis.comparison import Account, default_tool
     from urdfcal.deploy.programs.languages import is_program, read_program
     from urdfcal.deploy.target_csv import near_from, read_targets
-    from urdfcal.deploy.targets import corrected
+    from urdfcal.deploy.targets import corrected, with_coupled_axes
     from urdfcal.output.accounts import account_of
     from urdfcal.output.replaced import inputs_sha256, require_same
     from urdfcal.output.text.targets import target_blocks, targets_json
@@ -117,6 +127,8 @@ def correct(
     if frame and not is_program(targets):
         raise UsageError(f"--frame {frame[0]}: is about robot programs, and {targets} is a table; --base names the base")
     file = read_program(targets, nominal, frame or ()) if is_program(targets) else read_targets(targets, nominal)
+    if j23 is not None:
+        file = with_coupled_axes(file, len(nominal.names), j23)
     with Working(f"correcting {len(file.targets)} targets", quiet):
         placements = _placements(nominal, real.robot, compensation, package_dir)
         found = corrected(file, nominal, placements, None if near is None else near_from(near, nominal))
@@ -130,7 +142,7 @@ def correct(
         sources = {"robot": robot, "targets": targets, "calibration": calibration, "compensation": compensation}
         files[page] = targets_page(found, nominal, targets, file.said, sources.items(), made_of)
     deliver(files)
-    warn((*file.said, *_bases(nominal, base, file)), quiet)
+    warn((*file.said, *_bases(nominal, base, file), *_uncoupled(file, j23)), quiet)
     warn([f"{targets}:{each.target.line}: {each.said}" for each in found if each.said], quiet)
     machine = None
     if as_json:
@@ -159,6 +171,17 @@ def _bases(way: Way, stated: str | None, file: TargetFile) -> list[str]:
     if stated or jointed or is_program(file.path) or own in ("", way.base):
         return []
     return [f"placements are taken to be told in '{way.base}'; if they are the controller's own numbers, --base {own}"]
+
+
+def _uncoupled(file: TargetFile, j23: float | None) -> list[str]:
+    """That a Fanuc's joint positions were taken as the description counts them."""
+    jointed = [target.line for target in file.targets if target.orientation is None]
+    if j23 is not None or not jointed or file.path.suffix.lower() != ".ls":
+        return []
+    return [
+        f"{file.path}:{jointed[0]}: J3 is taken as the description's third joint; Fanuc's controllers count it from the horizontal: "
+        "--j23 1 (or -1) says so, --j23 0 that the description does, too"
+    ]
 
 
 def _placements(nominal: Way, real: Robot, compensation: Path | None, package_dirs: list[Path] | None) -> Placements:

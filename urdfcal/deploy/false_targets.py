@@ -35,7 +35,7 @@ _DONE = 1e-10  # [m] and [rad]
 _ARM = 0.3  # [m] a turn of the tool counts as a shift at this distance
 _DAMPING = 1e-4  # of the step, in units of _ARM: singular values far below it are not used
 _STEP = 0.3  # [rad] or [m] a sweep
-_SEEDS = 24
+_SEEDS, _ROUNDS = 24, 10  # positions that a placement is sought from at once, and how often, where its configuration is named
 _COARSE = 1e-7  # [m] and [rad]: so near, a solution is found
 
 
@@ -226,12 +226,9 @@ def solved(way: Way, wanted: Array3, near: Matrix, fits: Callable[[Matrix], Mask
         fits: Whether positions (n, k) are in a configuration that was named, (n,); others do not count.
     """
     found = reach(way, way.placements, wanted, near)
-    lower, upper = np.maximum(way.limits[0], -np.pi), np.minimum(way.limits[1], np.pi)
     rng = np.random.default_rng(0)
     for row in np.flatnonzero(~(found.whole & (True if fits is None else fits(found.q)))):
-        seeds = rng.uniform(lower, upper, (_SEEDS, len(lower)))
-        tries = reach(way, way.placements, np.repeat(wanted[row][None], _SEEDS, axis=0), seeds)
-        good = tries.whole if fits is None else tries.whole & fits(tries.q)
+        tries, good = _tried(way, wanted[row], fits, rng)
         if not good.any():
             continue
         far = np.abs(tries.q - near[row]).max(axis=1)
@@ -240,6 +237,18 @@ def solved(way: Way, wanted: Array3, near: Matrix, fits: Callable[[Matrix], Mask
             getattr(found, name)[row] = getattr(tries, name)[chosen]
         found.moved[row] = found.q[row] - near[row]
     return found
+
+
+def _tried(way: Way, wanted: Matrix, fits: Callable[[Matrix], Mask] | None, rng: np.random.Generator) -> tuple[Reached, Mask]:
+    """One placement from positions all over the limits, and which tries count: until one does, or none reaches it at all."""
+    lower, upper = np.maximum(way.limits[0], -np.pi), np.minimum(way.limits[1], np.pi)
+    for _ in range(_ROUNDS):
+        seeds = rng.uniform(lower, upper, (_SEEDS, len(lower)))
+        tries = reach(way, way.placements, np.repeat(wanted[None], _SEEDS, axis=0), seeds)
+        good = tries.whole if fits is None else tries.whole & fits(tries.q)
+        if good.any() or not tries.whole.any():
+            break
+    return tries, good
 
 
 def spoken(way: Way, targets: FalseTargets) -> list[str]:

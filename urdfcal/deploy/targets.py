@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from urdfcal.base.errors import InputError
+from urdfcal.base.errors import InputError, UsageError
 from urdfcal.base.geometry import DEG, MM, Array3, Mask, Matrix, Vector
 from urdfcal.base.reading import PROGRAM, content_of
 from urdfcal.deploy.false_targets import FalseTargets, Placements, Reached, false_joints, false_placements, reach, solved, spoken
@@ -20,6 +20,8 @@ from urdfcal.robot.way import Way
 _DIGITS = {1.0: 9, MM: 5, DEG: 6}  # behind the point that a number at least gets, by its unit's size: under a micrometre and a microradian
 _NEXT = 10 * DEG  # [rad], [m] by which the positions of one placement are near those of the one before
 _LEAST, _MOST = 8, 128  # placements that are sought at once
+_MOST_TIMES = 2.0  # how many times
+_COUPLED = 3  # joints that an arm has at least whose third axis is counted with the second
 _EXPONENT = re.compile(r"[eE]")
 
 
@@ -65,6 +67,7 @@ class Target:
         T_flange_tcp: The point that it is about, as the tool's link sees it, (4, 4).
         near: Positions in whose configuration it is reached, (k,), if the file says.
         fits: Whether positions (n, k) are in the configuration that the file names, (n,); None where it names none.
+        coupling: From positions as the controller counts them to those of the description's joints, (k, k); None where they are the same.
     """
 
     line: int
@@ -74,11 +77,21 @@ class Target:
     T_flange_tcp: Matrix = field(default_factory=lambda: np.eye(4))
     near: Vector | None = None
     fits: Callable[[Matrix], Mask] | None = None
+    coupling: Matrix | None = None
 
     @property
     def values(self) -> Vector:
         """The numbers in SI."""
         return np.array([number.value for number in self.numbers])
+
+    @property
+    def positions(self) -> Vector:
+        """Of the description's joints, where the numbers are positions, (k,)."""
+        return self.values if self.coupling is None else np.asarray(self.coupling @ self.values)
+
+    def numbers_at(self, q: Vector) -> Vector:
+        """The numbers that tell positions of the description's joints, (k,)."""
+        return np.asarray(q if self.coupling is None else np.linalg.solve(self.coupling, q))
 
     def placement(self) -> Matrix:
         """Placement of the tool's link in the robot's base, (4, 4)."""
@@ -123,6 +136,22 @@ class TargetFile:
             pieces += [self.text[end:start], new]
             end = stop
         return "".join([*pieces, self.text[end:]]).encode(self.encoding)
+
+
+def with_coupled_axes(file: TargetFile, joints: int, factor: float) -> TargetFile:
+    """The file for a controller that counts axis 3 from the horizontal: the description's joint 3 is its J3 and `factor` times its J2.
+
+    Raises:
+        UsageError: the robot has no third joint, or the factor is none.
+    """
+    if not abs(factor) <= _MOST_TIMES:
+        raise UsageError(f"--j23 {factor:g}: expected 1 or -1, or 0 where nothing is coupled")
+    if joints < _COUPLED:
+        raise UsageError(f"--j23 {factor:g}: is about the third joint, and {joints} move the tool")
+    C = np.eye(joints)
+    C[2, 1] = factor
+    coupled = (replace(each, coupling=C, near=None if each.near is None else C @ each.near) for each in file.targets)
+    return replace(file, targets=tuple(coupled))
 
 
 def text_of(path: Path) -> tuple[str, str]:
@@ -179,8 +208,8 @@ def corrected(file: TargetFile, nominal: Way, real: Placements, near: Vector | N
     jointed = [row for row, target in enumerate(file.targets) if target.orientation is None]
     placed = [row for row, target in enumerate(file.targets) if target.orientation is not None]
     if jointed:
-        targets = false_joints(nominal, real, np.array([file.targets[row].values for row in jointed]))
-        found |= _told(file, nominal, jointed, targets, lambda index, _: np.asarray(targets.reached.q[index]))
+        targets = false_joints(nominal, real, np.array([file.targets[row].positions for row in jointed]))
+        found |= _told(file, nominal, jointed, targets, lambda index, target: target.numbers_at(targets.reached.q[index]))
     if placed:
         wanted = np.array([file.targets[row].placement() for row in placed])
         false = false_placements(nominal, real, wanted, _nominal(file, nominal, placed, wanted, near))
@@ -240,7 +269,7 @@ def _near(file: TargetFile, way: Way, rows: Sequence[int], first: int, before: V
         return target.near
     between = file.targets[rows[first - 1] + 1 if first else 0 : rows[first]]
     if between:
-        return between[-1].values
+        return between[-1].positions
     if before is None and target.fits is not None:
         return np.asarray(np.clip(np.zeros(len(way.names)), *way.limits))
     if before is None:
@@ -277,13 +306,16 @@ def _chained(way: Way, targets: Sequence[Target], wanted: Array3, begin: Vector)
 
 
 def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:
-    if not reached.whole[index]:
-        raise InputError(
-            f"the nominal robot does not reach this target: {reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left "
-            "over; see whether base, tool and the frames of the file are those of the controller",
-            file.path,
-            target.line,
-        )
+    named = target.fits is not None and bool(reached.whole[index]) and not target.fits(reached.q[index][None])[0]
+    if reached.whole[index] and not named:
+        return
+    left = f"{reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left over"
+    raise InputError(
+        f"the nominal robot does not reach this target{' in the configuration that is named' if named else f': {left}'}; "
+        "see whether base, tool and the frames of the file are those of the controller",
+        file.path,
+        target.line,
+    )
 
 
 def _told(

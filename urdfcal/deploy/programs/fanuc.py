@@ -1,9 +1,8 @@
 """Fanuc's TP programs as text (.ls): the positions `P[n]{ ... };`, X Y Z [mm], W P R [deg] about fixed axes, or J1 .. J6 [deg].
 
 A placement is of the tool frame UT in the user frame UF, whose numbers stand in the controller: `--frame UF1=X,Y,Z,W,P,R`; frame 0 is the
-robot's own. J1 to J6 are taken for the description's joints in order: where J3 is counted from the horizontal the description has to
-do so, too, or positions are to be told as placements. What the letters of CONFIG mean for a robot is its maker's; where they change from
-one placement to the next, that is said.
+robot's own. J1 to J6 are taken for the description's joints in order; that J3 is counted from the horizontal, `--j23` says. What the
+letters of CONFIG mean for a robot is its maker's; where they change from one placement to the next, that is said.
 """
 
 from __future__ import annotations

@@ -65,7 +65,9 @@ def read_program(path: Path, way: Way, frames: Sequence[str] = ()) -> TargetFile
     stated = dict(_stated(each, language) for each in frames)
     found = language.read(Program(path, text, encoding, tokens_of(text, language.comment, language.quotes), len(way.names), stated))
     if not found.targets:
-        raise UsageError(f"{path}: has no targets that are numbers; expected a {language.name} program with some")
+        points = path.with_suffix(".dat")
+        hint = f"; its points stand in {points}" if language is _KRL and points != path and points.exists() else ""
+        raise UsageError(f"{path}: has no targets that are numbers; expected a {language.name} program with some{hint}")
     return found
 
 
