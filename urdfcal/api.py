@@ -25,7 +25,7 @@ from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.analysis.validation import holdout, kfold
 from urdfcal.calibration.analysis.verdict import Verdict, verdict_of
 from urdfcal.calibration.fitting import with_test
-from urdfcal.calibration.result import FitResult, corrected_camera
+from urdfcal.calibration.result import FitResult, corrected_camera, refined_cameras
 from urdfcal.calibration.start.nominal import evaluate, held_instruments
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions
@@ -293,6 +293,10 @@ class Calibration(FitResult, Applicable):
         """
         camera: Camera = corrected_camera(self.data, self.errors, self.estimate.belief)
         return camera
+
+    def refined_cameras(self) -> dict[str, Camera]:
+        """The cameras whose lenses were refined (`estimate=["lens"]`), by instrument, with what is known of them now; empty without."""
+        return refined_cameras(self.data, self.errors, self.estimate.belief)
 
     def write(self, path: str | Path, command: Sequence[str] = ()) -> None:
         """Write the calibration as YAML: origins, parameters, combinations, provenance.

@@ -42,7 +42,7 @@ from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.error_model import ErrorModel, with_rig
 from urdfcal.model.gauge import build_error_model, model_warnings
 from urdfcal.model.gravity import Gravity
-from urdfcal.model.options import ModelOptions, laid_over
+from urdfcal.model.options import LENS, ModelOptions, laid_over
 from urdfcal.model.parameters import Kind, PriorScale, matching
 from urdfcal.robot.rig import SIX
 from urdfcal.robot.robot import Robot
@@ -53,6 +53,7 @@ from urdfcal.sensors.measurements import (
     fit_and_test,
     fitted_poses_warning,
     placed_by_session,
+    refining,
     require_measured,
     require_screen_of_camera,
 )
@@ -103,7 +104,7 @@ def fit(
         schedule: Of the EKF: `iterated` (maximum a posteriori, honest covariance) or `paper` (sweeps with Q and R).
         options: What is to be calibrated; the arguments below are laid over it.
         error_model: `auto`, `dh`, `hayati`, `placement` or `offset`.
-        estimate: Additions: `screen`, `beams` or `beams4`.
+        estimate: Additions: `screen`, `beams`, `beams4` or `lens`.
         fix: Patterns of parameters that are held.
         only: Patterns; every other parameter is held.
         priors: Standard deviations by group: `joint`, `mount`, `screen`, `beam`, `reference`, `target`, `place`, `camera`.
@@ -133,11 +134,13 @@ def fit(
         FitRejected: a common mistake explains the data far better, or a beam that was seen does not meet the screen in the model.
     """
     _require_types(robot, data, priors)
+    options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
+    data = refining(data, LENS in options.estimate)
+    test = refining(test, LENS in options.estimate) if test is not None else None
     method = Method(estimator, schedule, tolerance, max_sweeps, q, r, gated, rng)
     robot = as_measured(robot, data)
     _require_same_robot(robot, data)
     require_screen_of_camera(data)
-    options = laid_over(options or ModelOptions(), error_model, estimate, fix, only, priors)
     if after is not None:
         earlier = joints_of(after) if isinstance(after, FitResult) else after
         require_written(earlier, robot, "the earlier calibration")

@@ -372,6 +372,25 @@ def misfit_words(found: Mapping[str, Misfit], kind: str, stated: bool) -> str:
     )
 
 
+def refined_cameras(data: Measurements, errors: ErrorModel, belief: Belief) -> dict[str, Any]:
+    """The cameras whose lenses a fit refined, by name, each with the lens that it found and the covariance that it has for that.
+
+    Args:
+        data: What was fitted; its cameras stay as they are.
+        errors: The error model of the fit.
+        belief: What came out.
+    """
+    found = {}
+    for name, camera in data.seeing.items() if data.refines else ():
+        names = [f"{name}.lens_{number}" for number in range(1, len(camera.intrinsics) + 1)]
+        P = np.zeros((len(names), len(names)))
+        free = [row for row, own in enumerate(names) if own in errors.column]
+        columns = [errors.column[names[row]] for row in free]
+        P[np.ix_(free, free)] = belief.P[np.ix_(columns, columns)]
+        found[name] = camera.refined(np.array([errors.value(own, belief.x) for own in names]), P)
+    return found
+
+
 def corrected_camera(data: Measurements, errors: ErrorModel, belief: Belief) -> Any:
     """The camera that read spots as pixels, with the screen where a fit found it, and the covariance that the fit has for that.
 

@@ -125,7 +125,7 @@ class RigFile(_Strict):
     lasers: list[str] | None = None
     error_model: Literal["auto", "dh", "hayati", "placement", "offset"] | None = None
     error_models: dict[str, Literal["dh", "hayati", "placement", "offset"]] = {}
-    estimate: list[Literal["beams", "beams4", "screen"]] = []
+    estimate: list[Literal["beams", "beams4", "screen", "lens"]] = []
     noise: NoiseEntry = NoiseEntry()
     priors: dict[Literal["joint", "mount", "screen", "beam", "reference", "target", "place"], str] = {}
     beams: dict[str, tuple[Finite, Finite, Finite]] = {}

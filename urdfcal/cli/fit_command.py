@@ -302,7 +302,8 @@ def fit(
     wish = sag_wish(sag, gravity, payload, chosen(also))
     wish.require_links(unmeasured)
     arm, data = measured(unmeasured, measurements, rig_file, reference, target, camera)
-    outputs = replace(outputs, camera=data.corrects_camera)
+    refine = "lens" in (*chosen(estimate), *rig_file.estimate)
+    outputs = replace(outputs, camera=data.corrects_camera, lenses=tuple(data.seeing) if refine else ())
     require_places(*outputs.places.values(), inputs=inputs)
     if not overwrite:
         outputs.require_free(arm, data)

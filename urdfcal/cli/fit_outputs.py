@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,6 +48,7 @@ class Outputs:
         compensation: The compensation, if one is wanted; its URDF stands beside it.
         camera: Whether laser spots were read as pixels, so that the fit corrects the camera, too.
         tree: The xacro's sources, where they are to be changed.
+        lenses: Cameras whose lenses are refined.
     """
 
     plan: Deployment
@@ -55,6 +56,7 @@ class Outputs:
     compensation: Path | None = None
     camera: bool = False
     tree: SourceTree | None = None
+    lenses: tuple[str, ...] = ()
 
     @property
     def places(self) -> dict[str, Path]:
@@ -78,8 +80,9 @@ class Outputs:
     @property
     def _beside(self) -> dict[str, Path]:
         """What goes beside the main output under its name."""
-        kinds = ("calibration", "camera") if self.camera else ("calibration",)
-        return {kind: self.plan.main.parent / f"{self.plan.stem}_{kind}.yaml" for kind in kinds}
+        kinds = {"calibration": "calibration"} | ({"camera": "camera"} if self.camera else {})
+        kinds |= {_lens(name): name if name == "camera" else f"{name}_camera" for name in self.lenses}
+        return {kind: self.plan.main.parent / f"{self.plan.stem}_{ending}.yaml" for kind, ending in kinds.items()}
 
     def require_free(self, robot: Robot, data: Measurements) -> None:
         """Refuse to replace what no earlier fit of the same robot and measurements has written.
@@ -88,9 +91,10 @@ class Outputs:
             UsageError: names the first of them.
         """
         places = {name: place for name, place in self.places.items() if place != STDOUT}
-        record, camera = places.pop("calibration", STDOUT), places.pop("camera", None)
+        record = places.pop("calibration", STDOUT)
+        cameras = [places.pop(kind, None) for kind in ("camera", *map(_lens, self.lenses))]
         require_earlier(record, places.values(), robot, data)
-        if camera is not None:
+        for camera in filter(None, cameras):
             require_marked(camera, (CORRECTED,), "camera that an earlier fit has corrected")
 
     def require_sag(self, data: Measurements) -> None:
@@ -121,7 +125,9 @@ class Outputs:
             files |= {places["compensated_urdf"]: urdf, self.compensation: text}
         if "calibration" in places:  # the last of all: it tells whether the others are its own
             record = calibration.record(sys.argv, written_with(places["calibration"], files))
-            files |= {places["camera"]: _camera_file(calibration, record)} if self.camera else {}
+            files |= {places["camera"]: _camera_file(calibration.corrected_camera(), record)} if self.camera else {}
+            refined = calibration.refined_cameras() if self.lenses else {}
+            files |= {places[_lens(name)]: _camera_file(camera, record) for name, camera in refined.items()}
             files |= deployed.beside(self.plan)
             files[places["calibration"]] = record
         else:
@@ -157,11 +163,16 @@ def _few(poses: int) -> str:
     return f"sag is looked at from {LEAST_POSES} fitted poses on, and there {'is' if poses == 1 else 'are'} {poses}"
 
 
-def _camera_file(calibration: Calibration, record: bytes) -> bytes:
-    """The corrected camera, with the hash of the calibration that it goes with."""
+def _lens(name: str) -> str:
+    """What the file of a refined camera is called among the others."""
+    return f"lens of {name}"
+
+
+def _camera_file(camera: Any, record: bytes) -> bytes:
+    """A camera that the fit changed, with the hash of the calibration that it goes with."""
     from urdfcal.vision.camera.camera_file import camera_yaml
 
-    return camera_yaml(calibration.corrected_camera(), {"urdfcal": __version__, CORRECTED: sha256(record)})
+    return camera_yaml(camera, {"urdfcal": __version__, CORRECTED: sha256(record)})
 
 
 def planned(

@@ -69,6 +69,7 @@ class Addition(StrEnum):
     SCREEN = "screen"
     BEAMS = "beams"
     BEAMS4 = "beams4"
+    LENS = "lens"
 
 
 class Beside(StrEnum):

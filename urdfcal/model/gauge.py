@@ -21,7 +21,7 @@ from urdfcal.robot.chain import Chain
 from urdfcal.robot.rig import SIX, Rig
 from urdfcal.robot.robot import Robot
 
-_NOT_THE_ROBOTS = ("reference", "target", "place", "camera")  # found from nothing, whatever is asked of the robot
+_NOT_THE_ROBOTS = ("reference", "target", "place", "camera", "lens")  # found from nothing, whatever is asked of the robot
 _NEAR_AXIS = 10 * MM
 
 
@@ -53,7 +53,8 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     offered = [parameter for parameter in parameters_of(slots, priors) if parameter.kind != "screen" or screen_wanted]
     if options.earlier is not None:
         offered = [_with_sigma(parameter, options.earlier) for parameter in offered]
-    stated, fixed = _stated([*offered, *_later_sessions(slots, sessions, priors), *_places(rig, priors), *_camera(rig)], options)
+    beside = [*_later_sessions(slots, sessions, priors), *_places(rig, priors), *_camera(rig), *lens_parameters(rig)]
+    stated, fixed = _stated([*offered, *beside], options)
     free = [parameter for parameter in stated if parameter.name not in fixed]
     if not free:
         raise UsageError("nothing is left to estimate: every parameter is fixed")
@@ -101,6 +102,12 @@ def _camera(rig: Rig) -> list[Parameter]:
         Parameter(f"camera.{name}", unit, "camera", 0.0, sigma)
         for name, unit, sigma in zip(SIX, ("m",) * 3 + ("rad",) * 3, sigmas or (), strict=bool(sigmas))
     ]
+
+
+def lens_parameters(rig: Rig) -> list[Parameter]:
+    """What the lenses of cameras are off by, along the axes of their calibrations' covariances, in standard deviations of these."""
+    numbers = [(name, number) for name, count in rig.instruments.lenses for number in range(1, count + 1)]
+    return [Parameter(f"{name}.lens_{number}", "", "lens", 0.0, 1.0) for name, number in numbers]
 
 
 def _split_in(name: str, session: str) -> tuple[str, str, str]:

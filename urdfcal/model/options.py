@@ -12,7 +12,8 @@ from urdfcal.model.earlier import EarlierJoints
 from urdfcal.model.parameters import FLAT, Kind, PriorScale
 from urdfcal.model.slots import MODELS
 
-ADDITIONS = ("screen", "beams", "beams4")  # what can be estimated beside the joints
+LENS = "lens"
+ADDITIONS = ("screen", "beams", "beams4", LENS)  # what can be estimated beside the joints
 _LEAST, _MOST = 1e-12, 1e6  # [m] and [rad]: priors beyond are no statement about a robot
 
 
@@ -32,7 +33,7 @@ class ModelOptions:
     Attributes:
         error_model: One of MODELS.
         per_joint: Other error models for single joints, by name.
-        estimate: Additions to the state: `beams`, `beams4`, `screen`.
+        estimate: Additions to the state: `beams`, `beams4`, `screen`, `lens`.
         fix: Patterns of parameters held at their nominal value.
         only: Patterns; if any, every other parameter is held.
         priors: Standard deviations by group.

@@ -13,7 +13,7 @@ from urdfcal.base.geometry import DEG, MM
 _ZERO = ".d_theta"  # how names of joints' zeros end
 FLAT = 1e3  # [m] and [rad]: the standard deviation that stands for no prior at all
 
-Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera", "rig"]
+Kind = Literal["joint", "mount", "screen", "beam", "reference", "target", "place", "soft", "camera", "lens", "rig"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ DEFAULT_PRIORS: dict[Kind, PriorScale] = {
     "place": PriorScale(1.0, 1.0),
     "soft": PriorScale(1e-3, 1e-3),
     "camera": PriorScale(5 * MM, 0.5 * DEG),
+    "lens": PriorScale(1.0, 1.0),
     "rig": PriorScale(1 * MM, 1e-3),
 }
 SESSION_KINDS = ("screen", "reference")  # placements that each session has for itself

@@ -99,14 +99,14 @@ class Place:
         name: First half of the parameters' names.
         names: Second halves.
         units: Unit of each: m or rad.
-        kind: `place`, of which nothing is known before, or `camera`: the screen's place before a calibrated camera.
+        kind: `place`, of which nothing is known before; `camera`, the screen's place before a calibrated camera; or `lens`, its intrinsics.
         words: What it is called where it carries something.
     """
 
     name: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    kind: Literal["place", "camera"] = "place"
+    kind: Literal["place", "camera", "lens"] = "place"
     words: str = "the places that are touched"
 
 
@@ -140,6 +140,7 @@ class Instruments:
             [m] and [rad]; empty without such a camera.
         name: Of the first instrument, where it has one beside the link's.
         aimed: Whether that is a screen that lasers are aimed at.
+        lenses: Cameras whose lens is refined, with the number of its intrinsics.
         others: Further instruments.
         pairs: Which target is seen from which instrument, by their numbers; all from the first where there are no others.
     """
@@ -151,6 +152,7 @@ class Instruments:
     camera_sigma: tuple[float, ...] = ()
     name: str = ""
     aimed: bool = False
+    lenses: tuple[tuple[str, int], ...] = ()
     others: tuple[Instrument, ...] = ()
     pairs: tuple[tuple[int, int], ...] = ()
 

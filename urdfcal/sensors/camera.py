@@ -7,7 +7,7 @@ side, through the screen: nothing is mirrored in space, the picture alone is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -18,6 +18,18 @@ from urdfcal.base.geometry import SE3, Array3, Matrix, Vector
 from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens, projected, unprojected, unprojected_grid
 
 Side = Literal["front", "back"]
+
+
+_USUAL_SHARE = 0.01  # of the focal length, and of the width of the picture for its centre, where nothing is stated
+_USUAL_BENT = {"p1": 2e-3, "p2": 2e-3}
+_USUAL_RADIAL = 0.05
+
+
+def usual_covariance(camera: Camera) -> Matrix:
+    """Of intrinsics that somebody wrote down without any: 1 % of the focal length and of the width."""
+    centre = _USUAL_SHARE * camera.size[0]
+    bent = [_USUAL_BENT.get(name, _USUAL_RADIAL) for name in DISTORTION_NAMES[camera.lens]]
+    return np.diag(np.square([_USUAL_SHARE * camera.matrix[0, 0], _USUAL_SHARE * camera.matrix[1, 1], centre, centre, *bent]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +66,36 @@ class Camera:
                 f"a {self.lens} lens has a 3 x 3 matrix and {len(DISTORTION_NAMES[self.lens])} distortion numbers, "
                 f"found {self.matrix.shape} and {self.distortion.shape}"
             )
+
+    @property
+    def intrinsics(self) -> Vector:
+        """Numbers of the lens in the order of `lenses.intrinsic_names`, (4 + k,)."""
+        return np.concatenate([self.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], self.distortion])
+
+    @cached_property
+    def lens_factor(self) -> Matrix:
+        """F with F F' the covariance of the intrinsics, (4 + k, 4 + k), columns as axes of the ellipsoid; a usual one if none is stated."""
+        covariance = usual_covariance(self) if self.lens_covariance is None else self.lens_covariance
+        scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        unit = np.where(scale > 0, scale, 1.0)
+        values, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+        return np.asarray((scale[:, None] * axes * np.sqrt(np.maximum(values, 0.0)))[:, ::-1])
+
+    def refined(self, off: Vector, covariance: Matrix | None = None) -> Camera:
+        """The same with a lens that is off by some numbers (4 + k,), in standard deviations along the columns of its factor.
+
+        Args:
+            off: How far.
+            covariance: What is known of these numbers, (4 + k, 4 + k); None keeps what is stated.
+        """
+        fx, fy, cx, cy, *distortion = (self.intrinsics + self.lens_factor @ off).tolist()
+        known = self.lens_covariance if covariance is None else self.lens_factor @ covariance @ self.lens_factor.T
+        matrix = np.array([[fx, self.matrix[0, 1], cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        return replace(self, matrix=matrix, distortion=np.array(distortion), lens_covariance=known)
+
+    def projected(self, points: Matrix) -> tuple[Matrix, Array3, Array3]:
+        """Pixels (n, 2) of points (n, 3) in camera axes, how they move with these, (n, 2, 3), and with the intrinsics, (n, 2, 4 + k)."""
+        return projected(points, self.matrix, self.distortion, self.lens)
 
     def project(self, points: Matrix) -> Matrix:
         """Pixels (n, 2) of points (n, 3) in camera axes [m]; nan behind the camera and beyond the lens model's range."""

@@ -22,6 +22,7 @@ from urdfcal.sensors.registry import noun, start_sigma_of
 from urdfcal.sensors.repeats import codes, distinct, repeated, same_poses
 from urdfcal.sensors.sensor import Sensor
 
+_CAMERA = "camera"  # what parameters of a camera are called that nobody named
 OF_A_POSE = ("payload", "approach", "time", "temperature", "order")  # what may be known of each pose beside its readings
 
 
@@ -50,6 +51,7 @@ class Measurements:
         temperature: Of the arm at each pose, (n,), [degC]; None where nothing is said.
         stations: Links of the instruments that readings name; a link's own name may be left out.
         cameras: Cameras of instruments, by name.
+        refines: Whether the lenses of cameras that see targets are to be refined.
         order: Which of the poses was measured first, second ..., (n,); as they stand by default.
         series: What they were measured with in one go, of which alone the order says anything; parts of measurements keep it.
     """
@@ -75,6 +77,7 @@ class Measurements:
     order: Vector | None = None
     stations: Mapping[str, str] = field(default_factory=dict)
     cameras: Mapping[str, Any] = field(default_factory=dict)
+    refines: bool = False
     series: str = field(default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
@@ -212,11 +215,23 @@ class Measurements:
     @cached_property
     def instruments(self) -> Instruments:
         """What the readings were made with."""
-        return instruments_of(self.readings, self.reference, self.camera, self.boards, self.stations)
+        lenses = {name: len(camera.intrinsics) for name, camera in self.seeing.items()} if self.refines else {}
+        return instruments_of(self.readings, self.reference, self.camera, self.boards, self.stations, lenses)
+
+    @property
+    def seeing(self) -> dict[str, Any]:
+        """The cameras that see targets, each a `sensors.camera.Camera`, by the name that parameters of its lens have."""
+        by = dict.fromkeys(own.instrument for own in self.readings if own.kind.by_camera and not own.kind.beam)
+        return {instrument or _CAMERA: self.camera_of(instrument) for instrument in by}
+
+    def camera_of(self, instrument: str) -> Any:
+        """What an instrument reads pixels with."""
+        return self.cameras.get(instrument, self.camera)
 
     def sensor_of(self, reading: Readings) -> Sensor:
         """How readings were made, with the camera if it was by one."""
-        return reading.kind.with_camera(self.cameras.get(reading.instrument, self.camera))
+        sensor = reading.kind.with_camera(self.camera_of(reading.instrument))
+        return sensor.refining(reading.instrument or _CAMERA) if self.refines and not reading.kind.beam else sensor
 
     @property
     def has_spots(self) -> bool:
@@ -362,6 +377,17 @@ def as_measured(robot: Robot, data: Measurements) -> Robot:
     """The robot with the instruments that some measurements were made with."""
     seen = data.instruments
     return robot.seen_by(seen, robot.lasers if data.lasers else ()) if seen.needed else robot
+
+
+def refining(data: Measurements, lens: bool) -> Measurements:
+    """The same with the lenses of their cameras refined, if they are to be.
+
+    Raises:
+        UsageError: they are, and no camera sees a target.
+    """
+    if lens and not data.seeing:
+        raise UsageError("estimate lens: no camera sees a target in these measurements, such as corners of a board (.u .v)")
+    return replace(data, refines=True) if lens else data
 
 
 def require_measured(robot: Any, data: Any, call: str) -> None:

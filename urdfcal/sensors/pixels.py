@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 
 from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.robot.rig import Place
 from urdfcal.sensors.sensor import (
     Change,
     Disturbance,
@@ -51,22 +52,35 @@ class PixelSensor(Sensor):
     mark = "target, on the ray of its pixel"
     line = "line of sight"
 
-    def __init__(self, camera: Any = None) -> None:
-        """Of one camera: a `sensors.camera.Camera`."""
-        self.camera = camera
+    def __init__(self, camera: Any = None, lens: str = "") -> None:
+        """Of one camera: a `sensors.camera.Camera`, whose lens is refined if it has a name."""
+        self.camera, self.lens = camera, lens
 
     def with_camera(self, camera: Any) -> Sensor:
         """See the base class."""
         return type(self)(camera)
 
+    def refining(self, lens: str) -> Sensor:
+        """See the base class."""
+        return type(self)(self.camera, lens)
+
+    def places(self, target: str, labels: Sequence[str]) -> tuple[Place, ...]:
+        """What the lens is off by, if it is refined: of all that the camera reads alike."""
+        count = len(self.camera.intrinsics) if self.lens else 0
+        return (Place(self.lens, tuple(f"lens_{number}" for number in range(1, count + 1)), ("",) * count, "lens"),) if self.lens else ()
+
+    def _seen_by(self, view: View) -> Any:
+        """The camera with its lens as it is at some state."""
+        return self.camera.refined(view.place[0]) if self.lens and len(view.place) else self.camera
+
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
-        jac2 = self.camera.project_jacobian(view.p) @ point_jacobian(view.p)
-        return Look(values - self.camera.project(view.p), jac2)
+        pixels, by_point, by_lens = self._seen_by(view).projected(view.p)
+        return Look(values - pixels, by_point @ point_jacobian(view.p), by_lens @ self.camera.lens_factor if self.lens else None)
 
     def read(self, view: View) -> Matrix:
         """See the base class."""
-        pixels: Matrix = self.camera.project(view.p)
+        pixels: Matrix = self._seen_by(view).project(view.p)
         return pixels
 
     def disturbances(self, view: View) -> tuple[Disturbance, ...]:
@@ -86,7 +100,7 @@ class PixelSensor(Sensor):
 
     def shown(self, view: View, values: Matrix) -> Matrix:
         """See the base class; on the ray of its pixel, as far ahead of the camera as predicted."""
-        rays = self.camera.rays(np.nan_to_num(values))
+        rays = self._seen_by(view).rays(np.nan_to_num(values))
         return np.asarray(rays * (view.p[:, 2:] / rays[:, 2:]))
 
     def rays(self, values: Matrix) -> Matrix | None:

@@ -125,6 +125,7 @@ def instruments_of(
     camera: Any = None,
     boards: Mapping[str, Grid] | None = None,
     stations: Mapping[str, str] | None = None,
+    lenses: Mapping[str, int] | None = None,
 ) -> Instruments:
     """Targets, measuring frame and places that some readings need; spots on the screen need none of them.
 
@@ -134,6 +135,7 @@ def instruments_of(
         camera: What pixels were read with.
         boards: Links that are boards, whose targets are labelled by the numbers of corners.
         stations: Links of the instruments that readings name, as far as they are called otherwise; the empty string for the default.
+        lenses: Cameras whose lens is refined, with the number of its intrinsics.
 
     Raises:
         UsageError: a board has no such corner, or a place is met from two instruments.
@@ -160,6 +162,7 @@ def instruments_of(
         _camera_sigma(camera) if before_screen else (),
         name=first.name,
         aimed=first.aimed,
+        lenses=tuple((lenses or {}).items()),
         others=tuple(others),
         pairs=tuple(pairs) if others else (),
     )

@@ -323,6 +323,10 @@ class Sensor:
         """The same sensor with the camera that it reads by, if it reads by one."""
         return self
 
+    def refining(self, lens: str) -> Sensor:
+        """The same sensor with a lens that the fit refines, by its name, if it reads by one."""
+        return self
+
     def lacking(self, target: str, given: Collection[str]) -> tuple[str, str] | None:
         """The ending that a header lacks beside those that it has, and why it is needed; None if it lacks none."""
         return None

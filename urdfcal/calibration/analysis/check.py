@@ -16,9 +16,9 @@ from urdfcal.estimation.identifiability import Identifiability, Observability, i
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, model_warnings
-from urdfcal.model.options import ModelOptions
+from urdfcal.model.options import LENS, ModelOptions
 from urdfcal.robot.robot import Robot
-from urdfcal.sensors.measurements import Measurements, as_measured, copies_warning, fit_and_test, require_measured
+from urdfcal.sensors.measurements import Measurements, as_measured, copies_warning, fit_and_test, refining, require_measured
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_of, stated_noise
 
 
@@ -83,6 +83,7 @@ def check(
     """
     require_measured(robot, data, "check")
     options, rng = options or ModelOptions(), rng or np.random.default_rng(0)
+    data = refining(data, LENS in options.estimate)
     fit_set = _with_known_places(fit_and_test(data)[0])
     robot = as_measured(robot, fit_set)
     errors, no_scale = with_scale(build_error_model(robot.chain, robot.rig, options, fit_set.session_names), fit_set)

@@ -10,6 +10,7 @@ import numpy as np
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.clusters import MANY, ROUNDING, SETS, judged_set, left_out, listed, pose_distances, worst_clusters
+from urdfcal.calibration.analysis.uncounted_lens import uncounted_lens
 from urdfcal.calibration.asking.stands_out import WORDS
 from urdfcal.calibration.error_table import main_unit
 from urdfcal.calibration.result import FitResult
@@ -32,6 +33,7 @@ def reservations(found: FitResult) -> tuple[str, ...]:
         *outliers_together(found),
         *beyond_geometry(found),
         *worse_somewhere(found),
+        *uncounted_lens(found),
         *worst_poses(found),
         *bad_test_readings(found),
     )

@@ -56,14 +56,14 @@ from urdfcal.estimation.gains import gains
 from urdfcal.estimation.noise import Misfit, Noise, misfits
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
-from urdfcal.model.options import ModelOptions
+from urdfcal.model.options import LENS, ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
 from urdfcal.robot.configurations import random_positions
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.columns import NONE, Stations
 from urdfcal.sensors.in_memory import is_table, measurements_from, named_columns
-from urdfcal.sensors.measurements import Measurements, as_measured, require_screen_of_camera, spots_measured
+from urdfcal.sensors.measurements import Measurements, as_measured, refining, require_screen_of_camera, spots_measured
 from urdfcal.sensors.registry import WORDS, noun, start_sigma_of
 from urdfcal.sensors.stated_noise import joint_sigmas, noise_for, noise_of, states_all, stating_kinds
 
@@ -279,6 +279,7 @@ class OnlineCalibrator:
             return self.state
         poses = q if isinstance(q, Measurements) else self._measured(q, readings)
         require_screen_of_camera(poses)
+        poses = refining(poses, LENS in self.options.estimate)
         if is_table(q):
             self._came.keep(self._taken + 1, _as_rows(dict(named_columns(q))))
         for row in range(len(poses)):

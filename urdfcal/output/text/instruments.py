@@ -81,11 +81,12 @@ def parameters_in_words(errors: ErrorModel) -> str:
     of_places = sum(parameter.kind == "place" for parameter in errors.parameters)
     of_frames = sum(parameter.kind in INSTRUMENTS for parameter in errors.parameters) - of_places
     of_camera = sum(parameter.kind == "camera" for parameter in errors.parameters)
-    own = len(errors.parameters) - of_places - of_frames - of_camera
+    of_lenses = sum(parameter.kind == "lens" for parameter in errors.parameters)
+    own = len(errors.parameters) - of_places - of_frames - of_camera - of_lenses
     if own == len(errors.parameters):
         return many(own, "parameter")
     further = [(of_frames, "frames and targets" if any(slot.kind == "reference" for slot in errors.slots) else "targets")]
-    further += [(of_places, "places"), (of_camera, "the camera")]
+    further += [(of_places, "places"), (of_camera, "the camera"), (of_lenses, "lenses")]
     return ", ".join([f"{many(own, 'parameter')} of the robot", *(f"{count} of {what}" for count, what in further if count)])
 
 

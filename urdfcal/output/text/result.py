@@ -27,6 +27,7 @@ from urdfcal.output.text.instruments import (
     parameters_in_words,
     place_entries,
 )
+from urdfcal.output.text.lenses import lens_blocks
 from urdfcal.output.text.outliers import outlier_blocks
 from urdfcal.output.text.stands_out import stands_out_blocks
 from urdfcal.output.text.verdict import verdict_blocks
@@ -116,6 +117,7 @@ def calibration_blocks(calibration: FitResult, accuracy: Iterable[RenderableType
         "",
         parameter_table(calibration),
         *_frames(calibration),
+        *lens_blocks(calibration),
         *stands_out_blocks(calibration),
         *outlier_blocks(calibration),
         *_undecided(calibration),
@@ -149,7 +151,7 @@ def parameter_table(calibration: FitResult) -> RenderableType:
     table.add_column("unit")
     rows = zip(calibration.errors.parameters, calibration.x, calibration.sigma, calibration.identifiability.determined, strict=True)
     for parameter, value, sigma, determined in rows:
-        if parameter.kind in INSTRUMENTS:  # frames have a table of their own; places in the room are nobody's errors
+        if parameter.kind in (*INSTRUMENTS, "lens"):  # frames and lenses have tables of their own; places in the room are nobody's errors
             continue
         unit, size = displayed(parameter.unit)
         table.add_row(

@@ -28,6 +28,7 @@ _GROUPS = {
     "reference": "Measuring frame",
     "target": "Target",
     "camera": "Camera",
+    "lens": "Lens",
 }
 _TITLES = {
     "d_a": "(a) Link lengths a",
