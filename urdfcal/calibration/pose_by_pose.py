@@ -144,7 +144,7 @@ def _readable(channel: Channel) -> Mask:
 
 def _looks_alike(numbered: tuple[int, Channel]) -> tuple[object, ...]:
     _, channel = numbered
-    return channel.readings.sensor, channel.readings.instrument, channel.places_of_poses[0].shape[1], bool(_readable(channel).any())
+    return *channel.alike, bool(_readable(channel).any())
 
 
 def _grouped(numbered: Sequence[tuple[int, Channel]], x: Vector) -> _Group:

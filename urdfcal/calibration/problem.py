@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +32,7 @@ from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
 Known = tuple[float, Vector, float]
+_FEW = 256  # poses, of which calls cost more than their numbers
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
 _UNIT = np.eye(3)
 _HELD = 1e-8  # [m] standard deviation of a sum that is held
@@ -107,17 +109,14 @@ class Channel:
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])
 
-    def look(self, swept: _Swept, g: Array3, motion: ArmMotion, rows: Rows, x: Vector) -> Callable[[Array3], None] | None:
-        """Residual of some poses at x into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
+    def take(self, swept: _Swept, g: Array3, look: Look, of_rig: Array3, motion: ArmMotion, rows: Rows) -> Callable[[Array3], None] | None:
+        """Residual of some poses into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
 
         Returns:
             What adds derivatives by parameters that are none of the arm's, once the arm's are there; None if there are no such.
         """
         measured, own = self.readings.measured[rows], self.block.columns
-        if not measured.any():
-            return None
         whole = bool(measured.all())
-        look, of_rig = self._look(motion, rows, x)
         swept.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
         g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
         if look.lost is not None:
@@ -140,10 +139,13 @@ class Channel:
         """Columns of x that are the rig's."""
         return [self.errors.column[term.name] for term in self.errors.rig.terms] if self.errors.rig is not None else []
 
-    def _look(self, motion: ArmMotion, rows: Rows, x: Vector) -> tuple[Look, Array3]:
-        """What the sensor makes of its target at some poses, and by how much more it reads per unit of the rig's parameters."""
-        view = self.view(motion, rows, x)
-        look = self.sensor.look(view, self.values[rows])
+    @cached_property
+    def alike(self) -> tuple[object, ...]:
+        """What channels have in common that one look does for."""
+        return self.readings.sensor, self.readings.instrument, self._place_columns.shape[1]
+
+    def with_rig(self, view: View, look: Look, rows: Rows, x: Vector) -> tuple[Look, Array3]:
+        """What the sensor makes of its target with what the rig does, and by how much more it reads per unit of the rig's parameters."""
         if self.errors.rig is None:
             return look, np.empty((*look.residual.shape, 0))
         at = {name: course[rows] for name, course in self.at.items()}
@@ -335,7 +337,7 @@ class Problem:
         """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
         rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
         g = np.zeros((n, m, 6))
-        beside = [channel.look(swept, g, motion, rows, x) for channel in self.channels]
+        beside = [channel.take(swept, g, look, of_rig, motion, rows) for channel, look, of_rig in self._looks(motion, rows, x)]
         columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
         self._shares[part.session].apply(columns)
         for put in filter(None, beside):
@@ -349,6 +351,16 @@ class Problem:
         if self.joints:
             self._axis_shares.apply(by_axis)
             swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
+
+    def _looks(self, motion: ArmMotion, rows: Rows, x: Vector) -> Iterator[tuple[Channel, Look, Array3]]:
+        """What each sensor makes of its target at some poses; where these are few, of all its targets at once."""
+        read = [channel for channel in self.channels if channel.readings.measured[rows].any()]
+        together = len(motion.posture) <= _FEW
+        for _, group in groupby(enumerate(read), lambda own: own[1].alike if together else own[0]):
+            channels = [channel for _, channel in group]
+            views = [channel.view(motion, rows, x) for channel in channels]
+            for channel, view, look in zip(channels, views, _looked(channels, views, rows), strict=True):
+                yield channel, *channel.with_rig(view, look, rows, x)
 
     @cached_property
     def _numbers(self) -> Numbers:
@@ -431,6 +443,16 @@ class Problem:
 def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:
     """The problem of some poses with what noise asks for: derivatives by the joints, too, where their readings are noisy."""
     return Problem(errors, data, joints=noise.of_joints)
+
+
+def _looked(channels: Sequence[Channel], views: Sequence[View], rows: Rows) -> list[Look]:
+    """What a sensor makes of each of its targets."""
+    sensor = channels[0].sensor
+    if len(channels) == 1:
+        return [sensor.look(views[0], channels[0].values[rows])]
+    n, view = len(views[0].p), View(*(np.concatenate([getattr(own, what) for own in views]) for what in ("p", "R", "place", "axes")))
+    every = sensor.look(view, np.concatenate([channel.values[rows] for channel in channels]))
+    return [every.of(slice(first, first + n)) for first in range(0, n * len(channels), n)]
 
 
 def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:

@@ -150,6 +150,11 @@ class Look:
     by_place: Array3 | None = None
     lost: Mask | None = None
 
+    def of(self, rows: slice) -> Look:
+        """Of some poses."""
+        by_place = None if self.by_place is None else self.by_place[rows]
+        return Look(self.residual[rows], self.jac2[rows], by_place, None if self.lost is None else self.lost[rows])
+
 
 @dataclass(frozen=True)
 class Sight:
