@@ -8,9 +8,11 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+import urdfcal
 from tests.conftest import CliResult
 from tests.support.small_robot import URDF
 
@@ -32,7 +34,7 @@ def rows(folder: Path) -> list[dict[str, str]]:
 
 
 def test_a_robot_of_a_fleet_is_that_of_its_seed(run_cli: Run, small: Path) -> None:
-    """Readings and truth of the second of two are those of `simulate` with the next seed, and no robot is another."""
+    """Readings and truth of the second of two are those of `simulate` with the next seed, in Python, too; no robot is another."""
     assert run_cli("simulate", "small.urdf", "-o", "fleet/", "--robots", "2", "--seed", "7", *ASKED).code == 0
     assert run_cli("simulate", "small.urdf", "-o", "one.csv", "--seed", "8", *ASKED).code == 0
 
@@ -44,6 +46,10 @@ def test_a_robot_of_a_fleet_is_that_of_its_seed(run_cli: Run, small: Path) -> No
 
     assert readings("fleet/robot2.csv") == readings("one.csv") != readings("fleet/robot1.csv")
     assert truth("fleet/robot2_truth.yaml") == truth("one_truth.yaml") != truth("fleet/robot1_truth.yaml")
+    robot = urdfcal.load_robot("fleet/small.urdf")
+    made = urdfcal.simulate(robot, 25, sensors=["point:tool"], errors=(1e-3, np.radians(0.1)), seed=8)
+    read = urdfcal.read_measurements("fleet/robot2.csv", made.nominal)
+    assert np.allclose(read.readings[0].values, made.measurements.readings[0].values, rtol=0, atol=1e-10)
 
 
 def test_fleet_takes_the_manifest_as_it_is(run_cli: Run, small: Path) -> None:

@@ -7,6 +7,7 @@ import io
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -55,13 +56,19 @@ def run(command: Any, words: list[str] | None = None) -> int:
 
 def called(command: Callable[..., None], words: Sequence[str]) -> Heard:
     """A command called from within: one at a time, since what it prints is caught from the whole process."""
-    app = typer.Typer(add_completion=False)
-    app.command()(command)
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         opened.begin()
-        code = run(typer.main.get_command(app), list(words))
+        code = run(_commanded(command), list(words))
     return Heard(code, out.getvalue(), err.getvalue())
+
+
+@cache
+def _commanded(command: Callable[..., None]) -> Any:
+    """A function as typer's command, made once: that takes longer than reading a robot."""
+    app = typer.Typer(add_completion=False)
+    app.command()(command)
+    return typer.main.get_command(app)
 
 
 def error_of_ours(error: Exception) -> str:
