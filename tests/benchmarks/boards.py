@@ -25,7 +25,14 @@ from urdfcal.sensors.camera import Camera
 from urdfcal.vision.camera.board_search import BoardSeen, find_boards
 from urdfcal.vision.camera.sought import Sought, parse_board
 
-SPECS = ("9x6:25mm", "charuco:7x5:40mm:30mm", "apriltag:36h11:6x4:30mm", "aruco:4X4_50:6x4:30mm", "aruco:4X4_50:1x1:80mm@7")
+SPECS = (
+    "9x6:25mm",
+    "charuco:7x5:40mm:30mm",
+    "apriltag:36h11:6x4:30mm",
+    "aruco:4X4_50:6x4:30mm",
+    "aruco:4X4_50:1x1:80mm@7",
+    "circles:4x11:20mm",
+)
 SIZE, WITHIN = (640, 480), 1.959964
 
 
@@ -34,13 +41,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cameras", type=int, default=10)
     parser.add_argument("--pictures", type=int, default=8, help="of every board by every camera")
+    parser.add_argument("--board", action="append", help="Only this one; repeatable.")
     parser.add_argument("--arms", type=int, default=3)
     arguments = parser.parse_args()
     print(
         "| board | tilt, deg | corners found | of those hidden in part | error / sigma, RMS | within 1.96 sigma | mistaken |\n|"
         + "---|" * 7
     )
-    for spec in SPECS:
+    for spec in arguments.board or SPECS:
         study(spec, arguments.cameras, arguments.pictures)
     if arguments.arms:
         wrist(arguments.arms)
@@ -93,12 +101,7 @@ def looked(camera: Camera, sought: Sought, low: float, hiding: bool, rng: np.ran
 
 def wrist(arms: int) -> None:
     """UR5s with errors in every joint and a camera on the wrist: pictures of a board on the base, boards, fit."""
-    print(
-        print(
-            "\n| UR5 | poses | tool up to a constant, mm RMS: before | after | verdict | angle, deg RMS: before | after |\n|" + "---|" * 7
-        )
-        + "---|" * 7
-    )
+    print("\n| UR5 | poses | tool up to a constant, mm RMS: before | after | verdict | angle, deg RMS: before | after |\n|" + "---|" * 7)
     for seed in range(arms):
         print(f"| {seed} | {arm(seed)} |", flush=True)
 

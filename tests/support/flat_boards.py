@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from urdfcal.sensors.camera import Camera
 from urdfcal.vision.camera.boards import CharucoBoard, Chessboard
+from urdfcal.vision.camera.circles import CircleGrid
 from urdfcal.vision.camera.markers import aruco_dictionary
 from urdfcal.vision.camera.sought import Sought, TagGrid
 
@@ -81,6 +82,8 @@ def _texture(sought: Sought) -> tuple[np.ndarray, float]:
 def on_board(sought: Sought, points: np.ndarray, beyond: np.ndarray) -> np.ndarray:
     """Light of points (n, 3) on a board's plane, in its axes; `beyond` where the board has ended."""
     board, x, y = sought.board, points[:, 0], points[:, 1]
+    if isinstance(board, CircleGrid):
+        return _circles(board, x, y, beyond)
     if isinstance(board, TagGrid):
         return _tags(sought, board, x, y, beyond)
     squares = (board.columns + 1, board.rows + 1) if isinstance(board, Chessboard) else (board.columns, board.rows)
@@ -98,6 +101,16 @@ def on_board(sought: Sought, points: np.ndarray, beyond: np.ndarray) -> np.ndarr
         own = np.column_stack([across - column - 0.5 + half, down - row - 0.5 + half])[white] / (2 * half)
         level[white] = _marker(board.dictionary, ids, own, level[white])
     return level
+
+
+def _circles(board: CircleGrid, x: np.ndarray, y: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    step, width, height = board.step, 2 * board.columns - 1, board.rows - 1
+    row = np.rint(y / step).astype(int)
+    column = np.rint((x / step - row % 2) / 2).astype(int)
+    there = (row >= 0) & (row < board.rows) & (column >= 0) & (column < board.columns)
+    dark = there & (np.hypot(x - (2 * column + row % 2) * step, y - row * step) < board.diameter / 2)
+    inside = (x > -step) & (y > -step) & (x < (width + 1) * step) & (y < (height + 1) * step)
+    return np.where(dark, BLACK, np.where(inside, WHITE, beyond))
 
 
 def _tags(sought: Sought, board: TagGrid, x: np.ndarray, y: np.ndarray, beyond: np.ndarray) -> np.ndarray:

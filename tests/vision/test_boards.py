@@ -18,13 +18,14 @@ from tests.support.paths import ROBOTS_DIR, SHARED_DATA
 from urdfcal.base.errors import UsageError
 from urdfcal.calibration.rig_file import read_rig_file
 from urdfcal.robot.robot import load_robot
-from urdfcal.vision.camera.board_search import BoardSeen, find_boards
+from urdfcal.vision.camera.board_search import BoardSeen, find_boards, looks_the_same_turned
 from urdfcal.vision.camera.boards import BoardView, Chessboard
 from urdfcal.vision.camera.camera_file import camera_yaml
 from urdfcal.vision.camera.lens import calibrate_lens
 from urdfcal.vision.camera.sought import parse_board, parse_boards
 from urdfcal.vision.pictures import read_grey
 
+TURNS = np.linspace(0, 2 * np.pi, 720, endpoint=False)
 RunCli = Callable[..., CliResult]
 CAMERA = board_camera()
 UR5 = ROBOTS_DIR / "ur5" / "ur5.urdf.xacro"
@@ -34,6 +35,7 @@ SPECS = {
     "charuco:7x5:40mm:30mm": 0.45,
     "apriltag:36h11:6x4:30mm": 0.42,
     "aruco:4X4_50:1x1:80mm@7": 0.4,
+    "circles:4x11:20mm": 0.42,
 }
 
 
@@ -104,6 +106,66 @@ def test_a_chessboard_turned_round_keeps_its_first_corner() -> None:
         assert np.abs(seen.pixels - true_pixels(CAMERA, sought, T)).max() < 1.0
 
 
+def test_a_chessboard_that_is_hidden_in_part_is_named() -> None:
+    """What is seen of it is said, and which board need not be seen whole."""
+    sought = parse_board("9x6:25mm")
+    picture = rendered(CAMERA, [(sought, facing(sought, 0.42, 10, 60))], np.random.default_rng(4), rays=2)
+    picture[:, 300:390] = 90
+    seen = found("9x6:25mm", picture)
+    assert isinstance(seen, str)
+    assert "part of the board is hidden" in seen
+    assert "a ChArUco board (charuco:) need not" in seen
+    assert found("9x6:25mm", np.full_like(picture, 120)) == "no chessboard with 9 x 6 inner corners found"
+
+
+def test_centres_of_circles_are_not_the_centres_of_their_ellipses() -> None:
+    """Before a wide lens large oblique circles are off by more than ten sigma without the correction, and within their sigmas with it."""
+    sought, camera = parse_board("circles:2x5:24mm:21mm"), board_camera(focal=400)
+    T = facing(sought, 0.13, 50, 20)
+    picture = rendered(camera, [(sought, T)], np.random.default_rng(6), blur=0.7, rays=3)
+    (seen,) = find_boards(picture, camera, [sought])
+    raw = sought.board.find(picture, "")
+    assert isinstance(seen, BoardSeen), seen
+    assert isinstance(raw, BoardView), raw
+    truth = true_pixels(camera, sought, T)
+    assert np.abs((seen.pixels - truth[seen.corners]) / seen.sigmas[:, None]).max() < 4
+    assert np.linalg.norm(raw.pixels - truth[seen.corners], axis=1).max() > 10 * seen.sigmas.max()
+
+
+def test_a_grid_of_circles_turned_round_keeps_its_first(rng: np.random.Generator) -> None:
+    """With an odd number of rows nothing looks the same turned; with an even one it does, which is said."""
+    sought = parse_board("circles:4x11:20mm")
+    for roll in (0, 90, 180):
+        T = facing(sought, 0.45, 15, 30, roll)
+        seen = found("circles:4x11:20mm", rendered(CAMERA, [(sought, T)], rng, rays=2))
+        assert isinstance(seen, BoardSeen), seen
+        assert np.abs(seen.pixels - true_pixels(CAMERA, sought, T)[seen.corners]).max() < 0.2
+    assert [looks_the_same_turned(parse_board(f"circles:4x{rows}:20mm").board) for rows in (10, 11)] == [True, False]
+
+
+def test_a_lens_comes_from_circles_without_their_shift(rng: np.random.Generator) -> None:
+    """Centroids of large circles, exact but for a hundredth of a pixel, give the lens within its sigmas: their shift is undone."""
+    sought, views = parse_board("circles:4x11:20mm:18mm"), []
+    points = sought.grid.points()
+    for about in range(0, 360, 30):
+        T = facing(sought, rng.uniform(0.3, 0.45), rng.uniform(15, 45), about, rng.uniform(-30, 30), (rng.uniform(-0.05, 0.05), 0))
+        rim = 9e-3 * np.column_stack([np.cos(TURNS), np.sin(TURNS), 0 * TURNS])
+        outlines = [CAMERA.project((point + rim) @ T.rotation.T + T.translation) for point in points]
+        moments = [cv2.moments((64 * outline).astype(np.float32)) for outline in outlines]
+        pixels = np.array([[m["m10"] / m["m00"], m["m01"] / m["m00"]] for m in moments]) / 64
+        views.append(
+            BoardView(str(about), points, pixels + rng.normal(0, 0.01, pixels.shape), np.array([m["m00"] for m in moments]) / 64**2)
+        )
+    fit = calibrate_lens(views, CAMERA.size, "plain")
+    sigmas = np.sqrt(np.diag(fit.camera.lens_covariance))[:4]
+    off = (fit.camera.matrix - CAMERA.matrix)[[0, 1, 0, 1], [0, 1, 2, 2]]
+    assert np.abs(off / sigmas).max() < 4
+    assert fit.camera.rms < 0.02
+    blind = calibrate_lens([replace(view, areas=None) for view in views], CAMERA.size, "plain")
+    shifted = (blind.camera.matrix - CAMERA.matrix)[[0, 1], [0, 1]]
+    assert (np.abs(off[:2]) < np.abs(shifted) / 3).all()
+
+
 def test_swapped_sides_and_an_older_pattern_are_told() -> None:
     """A ChArUco board stated with its sides swapped is named; one of OpenCV's older pattern is taken, and known as such."""
     sought = parse_board("charuco:7x5:40mm:30mm")
@@ -169,6 +231,9 @@ WRONG = {
     "9x6:25mm@3": "a chessboard has no ids",
     "charuco:7x5:30mm:40mm": "a marker is smaller than its square",
     "=9x6:25mm": "expected a link before =",
+    "circles:4x11:20mm:19mm": "circles of 19 mm nearly touch",
+    "circles:4x11:20mm@3": "a grid of circles has no ids",
+    "circles:4x11": "expected COLUMNSxROWS:STEP",
 }
 
 

@@ -140,7 +140,7 @@ def test_markers_writes_a_sheet(run_cli: RunCli, tmp_path: Path) -> None:
         (("-o", "sheet.doc"), "a sheet ends in .pdf, .svg or .png"),
         (("-o", "sheet.svg"), "takes 2 pages of A4"),
         (("-o", "sheet.png", "--paper", "full", "--dpi", "1200"), "take --dpi"),
-        (("-o", "sheet.pdf", "--paper", "A5"), "expected A4, A3, full"),
+        (("-o", "sheet.pdf", "--paper", "A5"), "expected A4, A3, A2"),
         (("-o", "nowhere/sheet.pdf"), "does not exist"),
     ],
 )

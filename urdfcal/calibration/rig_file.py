@@ -15,7 +15,7 @@ Every entry may be missing:
     target_known: false                # whether what is measured is the targets' links themselves
     target: tool0                      # link of figaroh's columns x1, y1 ...
     sockets: {distances_mm: {'*/0 - */1': 50}}
-    boards: {board: '9x6:25mm'}        # links that are chessboards: inner corners and the side of a square
+    boards: {board: '9x6:25mm'}        # links that are boards: inner corners and the side of a square; circles:4x11:20mm
     beams: {laser_1: [0.02, 0.47, 0.88]}  # in module axes, that the parameters below are relative to; another robot is refused
     parameters:
       joint3.d_alpha: {sigma_deg: 0.1}
@@ -55,7 +55,7 @@ Finite = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST, allow_inf_nan=False)]
 
 
 _ROUNDING = 0.01 * DEG  # of angles that were typed into a URDF
-_BOARD = re.compile(r"(\d+)x(\d+):(\d+\.?\d*)(mm|m)(?::(\d+\.?\d*)(mm|m))?")
+_BOARD = re.compile(r"(circles:)?(\d+)x(\d+):(\d+\.?\d*)(mm|m)(?::(\d+\.?\d*)(mm|m))?")
 
 
 class _Strict(BaseModel):
@@ -219,20 +219,25 @@ class RigFile(_Strict):
 
 
 def parse_grid(text: str) -> Grid:
-    """`9x6:25mm`.
+    """`9x6:25mm`, with a gap `12x8:30mm:9mm`, or `circles:4x11:20mm`.
 
     Raises:
         ValueError: the text is no board.
     """
     match = _BOARD.fullmatch(text.replace(" ", ""))
-    if match is None or min(int(match[1]), int(match[2])) < 2 or not float(match[3]) > 0:
+    if match is None or min(int(match[2]), int(match[3])) < 2 or not float(match[4]) > 0:
         raise ValueError(f"'{text}' is not a board; expected inner corners and the side of a square, such as 9x6:25mm")
-    if match[5] and (int(match[1]) % 2 or int(match[2]) % 2):
+    columns, rows, gap = int(match[2]), int(match[3]), match[6]
+    if gap and match[1]:
+        raise ValueError(
+            f"'{text}' is not a board; of circles, expected columns, rows and the step between rows, such as circles:4x11:20mm"
+        )
+    if gap and (columns % 2 or rows % 2):
         raise ValueError(
             f"'{text}' is not a board; with a gap, squares have corners of their own: expected even numbers such as 12x8:30mm:9mm"
         )
-    square, gap = (float(length or 0) * (MM if unit == "mm" else 1.0) for length, unit in (match.group(3, 4), match.group(5, 6)))
-    return Grid(int(match[1]), int(match[2]), square, gap if match[5] else None)
+    square, between = (float(length or 0) * (MM if unit == "mm" else 1.0) for length, unit in (match.group(4, 5), match.group(6, 7)))
+    return Grid(columns, rows, square, between if gap else None, bool(match[1]))
 
 
 def read_rig_file(path: str | Path) -> RigFile:

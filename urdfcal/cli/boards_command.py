@@ -32,7 +32,7 @@ def boards(
         typer.Option(
             metavar="[LINK=]BOARD[@ID]",
             help="9x6:25mm (inner corners), charuco:7x5:40mm:30mm (squares), apriltag:36h11:6x4:30mm[:GAP] or aruco:4X4_50:6x4:30mm[:GAP] "
-            "(tags; 1x1 for one; gap by default 0.3 of the tag). ID: its first marker's. Repeatable.",
+            "(tags; 1x1 for one; gap by default 0.3 of the tag), circles:4x11:20mm. ID: its first marker's. Repeatable.",
             show_default=False,
         ),
     ],
@@ -159,7 +159,7 @@ def _ambiguous(sought: Sequence[Sought]) -> list[str]:
 
     return [
         f"{one.link}: {one.board} looks the same turned round; taken as upright in each picture. A board of even by odd inner "
-        "corners, or one with markers, cannot be mistaken"
+        "corners, circles in an odd number of rows, or a board with markers, cannot be mistaken"
         for one in sought
         if looks_the_same_turned(one.board)
     ]

@@ -1,4 +1,4 @@
-"""`urdfcal camera` and `markers`: the lens, the screen in front of it, and the sheet to put up on it."""
+"""`urdfcal camera`: the lens, and the screen in front of it."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ def camera(
     board: Annotated[
         str | None,
         typer.Option(
-            metavar="COLSxROWS:SQUARE",
-            help="Chessboard by its INNER corners, e.g. 9x6:25mm (10 x 7 squares; mm, cm or m).",
+            metavar="BOARD",
+            help="Chessboard by its INNER corners, e.g. 9x6:25mm (10 x 7 squares; mm, cm or m); charuco:7x5:40mm:30mm (squares); "
+            "circles:4x11:20mm (every second row shifted).",
             show_default=False,
         ),
     ] = None,
@@ -45,7 +46,7 @@ def camera(
         str | None,
         typer.Option(
             metavar="COLSxROWS:SQUARE:MARKER[:DICT]",
-            help="ChArUco board by its SQUARES, e.g. 10x7:25mm:18mm:DICT_4X4_50. DICT by default DICT_4X4_50.",
+            help="The same as --board charuco:..., e.g. 10x7:25mm:18mm:DICT_4X4_50. DICT by default DICT_4X4_50.",
             show_default=False,
         ),
     ] = None,
@@ -119,67 +120,14 @@ def camera(
     show(camera_json(result, fit, failed, seen) if as_json else None, blocks if quiet else [*blocks, "", f"wrote {output}"])
 
 
-def markers(
-    screen: Annotated[
-        Path, typer.Argument(metavar="SCREEN", help="A screen.yaml: which ArUco marker sits where, in mm.", show_default=False)
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="SHEET", parser=stated_place, help="A .pdf, .svg or .png file; - is stdout (PDF).", show_default=False
-        ),
-    ],
-    paper: Annotated[
-        str,
-        typer.Option(
-            metavar="A4|A3|full",
-            help="full is one page as large as the sheet. On A4 and A3 a sheet that does not fit has one marker a page (.pdf).",
-        ),
-    ] = "A4",
-    dpi: Annotated[float, typer.Option(min=20, max=2400, help="Of a .png, in dots per inch.")] = 300.0,
-    mirror: Annotated[bool, typer.Option("--mirror", help="Print mirrored, for paper that is put on the screen's back.")] = False,
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-) -> None:
-    """Make the sheet of markers to print and put up, true to scale."""
-    from urdfcal.base.errors import did_you_mean
-    from urdfcal.cli.console import finish
-    from urdfcal.output.replaced import require_same
-    from urdfcal.vision.camera.marker_sheet import ENDINGS, PAPERS_MM, Paper, marker_sheet, sheet_pages
-    from urdfcal.vision.camera.markers import read_screen_markers
-
-    require_no_json(as_json, output)
-    output = named(output, f"{screen.stem}.pdf")
-    require_ending("-o", output, tuple(ENDINGS), "a sheet")
-    ending = output.suffix.lower() or ".pdf"
-    names = [*PAPERS_MM, "full"]
-    if paper not in names:
-        raise UsageError(f"--paper {paper}: expected {', '.join(names)}{did_you_mean(paper, names)}")
-    require_places(output, inputs=(screen,))
-    layout = read_screen_markers(screen)
-    size = cast("Paper", paper)
-    content = marker_sheet(layout, ending, size, dpi, mirror)
-    if not overwrite:
-        require_same({output: content})
-    deliver({output: content})
-    pages = sheet_pages(layout, size, mirror)
-    machine = {"sheet": str(output), "pages": len(pages), "page_mm": list(pages[0].size), "markers": list(layout.centres)}
-    count = f"{len(layout.centres)} markers on {len(pages)} {'page' if len(pages) == 1 else 'pages'}"
-    finish(
-        machine if as_json else None,
-        f"wrote {output} ({count} of {pages[0].size[0]:.0f} x {pages[0].size[1]:.0f} mm); print at 100 % and check the bar with a ruler",
-        quiet,
-    )
-
-
 def _board_of(images: list[str] | None, board: str | None, charuco: str | None, lens: Path | None) -> Board | None:
     """The board that is looked for; None where the lens is given.
 
     Raises:
         UsageError: the options do not go together.
     """
-    from urdfcal.vision.camera.boards import parse_charuco, parse_chessboard
+    from urdfcal.vision.camera.boards import parse_charuco
+    from urdfcal.vision.camera.sought import parse_lens_board
 
     if lens is not None:
         if images or board or charuco:
@@ -189,7 +137,7 @@ def _board_of(images: list[str] | None, board: str | None, charuco: str | None, 
         raise UsageError("no views; name pictures of a board, or --lens CAMERA.yaml to add a screen to a known lens")
     if (board is None) == (charuco is None):
         raise UsageError("say which board the views show: --board 9x6:25mm (inner corners) or --charuco 10x7:25mm:18mm (squares)")
-    return parse_chessboard(board) if board is not None else parse_charuco(cast("str", charuco))
+    return parse_lens_board(board) if board is not None else parse_charuco(cast("str", charuco))
 
 
 def _model_of(distortion: str, fisheye: bool, lens: Path | None) -> Lens | None:

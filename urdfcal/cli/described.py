@@ -69,7 +69,9 @@ COMMANDS = {
         "urdfcal boards pictures/ --board 9x6:25mm --camera camera.yaml -o corners.csv",
         LASERS,
     ),
-    "markers": Described("Make the sheet of markers to print.", "urdfcal markers screen.yaml -o sheet.pdf", LASERS),
+    "markers": Described(
+        "Make boards, or the screen's markers, to print.", "urdfcal markers --board charuco:7x5:40mm:30mm --paper A3 -o board.pdf", LASERS
+    ),
     "spots": Described("Find laser spots in pictures.", "urdfcal spots pictures/ --camera camera.yaml -o spots.csv", LASERS),
     "render": Described(
         "Make the pictures that a camera would have taken.", "urdfcal render robot.urdf poses.csv -o pictures/ --camera camera.yaml", LASERS

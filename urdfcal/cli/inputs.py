@@ -281,14 +281,20 @@ def with_board(rig: RigFile, board: str | None) -> RigFile:
 
 
 def parsed_grid(option: str, text: str) -> Grid:
-    """The inner corners of a board: `9x6:25mm` of a chessboard, or `10x7:25mm:18mm:DICT` of a ChArUco board by its squares.
+    """The inner corners of a board: `9x6:25mm` of a chessboard, or `10x7:25mm:18mm:DICT` of a ChArUco board; the middles of circles.
 
     Raises:
-        UsageError: the text is neither.
+        UsageError: the text is no such board.
     """
     from urdfcal.robot.rig import Grid
     from urdfcal.vision.camera.boards import parse_charuco, parse_chessboard
+    from urdfcal.vision.camera.circles import parse_circles
 
+    kind, _, rest = text.strip().partition(":")
+    if kind == "circles":
+        return parse_circles(rest, f"{option} circles:").grid
+    if kind == "charuco":
+        text = rest
     if text.count(":") > 1:
         squares = parse_charuco(text, option)
         return Grid(squares.columns - 1, squares.rows - 1, squares.square)

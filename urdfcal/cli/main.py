@@ -15,7 +15,7 @@ from urdfcal.base.errors import UrdfcalError
 from urdfcal.base.foreign_text import shown
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.boards_command import boards
-from urdfcal.cli.camera_command import camera, markers
+from urdfcal.cli.camera_command import camera
 from urdfcal.cli.compare_command import compare
 from urdfcal.cli.console import asked_quiet
 from urdfcal.cli.correct_command import correct
@@ -25,6 +25,7 @@ from urdfcal.cli.fleet_command import fleet
 from urdfcal.cli.help import OurCommand, OurGroup
 from urdfcal.cli.import_command import import_
 from urdfcal.cli.look_commands import check, dh, evaluate
+from urdfcal.cli.markers_command import markers
 from urdfcal.cli.measurements_command import measurements
 from urdfcal.cli.module_command import module
 from urdfcal.cli.paper_command import paper

@@ -54,7 +54,7 @@ def rig(
         typer.Option(
             metavar="COLSxROWS:SQUARE",
             help="A board on the tip: a chessboard by its INNER corners, 9x6:25mm, or a ChArUco board by its squares and markers, "
-            "10x7:25mm:18mm.",
+            "10x7:25mm:18mm; or circles:4x11:20mm.",
             show_default=False,
         ),
     ] = None,

@@ -104,9 +104,11 @@ def board_on(tree: UrdfTree, stand: Stand, grid: Grid, prefix: str = "") -> Piec
     """A board that looks outward, its middle where it is stated to be."""
     placement, axis = stand.placement(tree, _BOARD)
     placement = placement * _TURNED * pin.SE3(np.eye(3), -grid.points().mean(axis=0))
-    values = (("columns", str(grid.columns)), ("rows", str(grid.rows)), ("square", repr(grid.square)))
-    size = " x ".join(f"{(count + 1) * grid.square * 1e3:g}" for count in (grid.columns, grid.rows))
-    words = f"corner 0 of {grid.columns} x {grid.rows}; its front, {size} mm, looks along {axis}"
+    steps = (2 * grid.columns if grid.staggered else grid.columns, grid.rows)
+    values = (("columns", str(steps[0])), ("rows", str(steps[1])), ("square", repr(grid.square)))
+    size = " x ".join(f"{(count + 1) * grid.square * 1e3:g}" for count in steps)
+    first = "circle 0" if grid.staggered else "corner 0"
+    words = f"{first} of {grid.columns} x {grid.rows}; its front, {size} mm, looks along {axis}"
     return Piece("board", (f"{prefix}board",), stand.link, placement, values, words)
 
 

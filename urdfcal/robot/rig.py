@@ -58,16 +58,21 @@ class Grid:
         rows: Rows of them.
         square: Side of a square, [m].
         gap: Where squares stand apart, as tags do, how far, [m]; None where they touch, as on a chessboard.
+        staggered: Middles of circles instead of corners: rows are `square` apart, in a row they are twice as far, and every second
+            row begins one `square` farther in (OpenCV's asymmetric grid of circles).
     """
 
     columns: int
     rows: int
     square: float
     gap: float | None = None
+    staggered: bool = False
 
     def at(self, corner: int) -> tuple[float, float, float]:
         """Where a corner is on the board, [m]."""
         row, column = divmod(corner, self.columns)
+        if self.staggered:
+            return (2 * column + row % 2) * self.square, row * self.square, 0.0
         return self._along(column), self._along(row), 0.0
 
     def _along(self, count: int) -> float:
@@ -78,8 +83,8 @@ class Grid:
         return tags * (self.square + self.gap) + odd * self.square
 
     def __str__(self) -> str:
-        gap = "" if self.gap is None else f":{self.gap * 1e3:g}mm"
-        return f"{self.columns}x{self.rows}:{self.square * 1e3:g}mm{gap}"
+        gap, kind = "" if self.gap is None else f":{self.gap * 1e3:g}mm", "circles:" if self.staggered else ""
+        return f"{kind}{self.columns}x{self.rows}:{self.square * 1e3:g}mm{gap}"
 
     def points(self) -> Matrix:
         """All corners in the axes of the board, (corners, 3), [m]."""

@@ -4,10 +4,11 @@ OpenCV's detectors find the corners; those of chessboards and ChArUco boards are
 neither the next corner nor a marker reaches into. A corner's sigma comes from its neighbourhood (`corner_noise.py`), times what the board's
 own corners say of it,
 
-    s^2 = (sum_i |r_i|^2 / sigma_i^2 + PRIOR) / (2 n - 6 + PRIOR)
+    s^2 = (sum_i |r_i|^2 / sigma_i^2 + PRIOR) / f      f = 2 n - 6 + PRIOR
 
-with r the residual of its pose. A corner whose |r_i|^2 / (s sigma_i)^2 is beyond chance among n is none, the worst first, s by the median
-of the others: an id that was misread, an edge of a hand. Where it goes on beyond a quarter of them, the board is not the one stated.
+with r the residual of its pose, times 1 + (1.96^2 + 1) / 4 f: Student's t with f degrees of freedom has its 95 % interval there. A corner
+whose |r_i|^2 / (s sigma_i)^2 is beyond chance among n is none, the worst first, s by the median of the others: an id that was misread, an
+edge of a hand. Where it goes on beyond a quarter of them, the board is not the one stated. Edges of tags and circles know their own sigmas.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
@@ -30,19 +30,24 @@ from urdfcal.vision.camera.boards import (
     Numbers,
     settled_corners,
     shades,
+    slopes_of,
 )
-from urdfcal.vision.camera.corner_noise import corner_sigmas, picture_noise
+from urdfcal.vision.camera.circles import LEAST_CIRCLES, CircleGrid, shift_of
+from urdfcal.vision.camera.corner_noise import MOST_SIGMA_PX, corner_sigmas, picture_noise
 from urdfcal.vision.camera.marker_search import find_markers
 from urdfcal.vision.camera.markers import ScreenMarkers, aruco_dictionary
-from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlanePoints, fit_plane
+from urdfcal.vision.camera.plane_pose import T_SCREEN_SHEET, PlaneFit, PlanePoints, fit_plane
 from urdfcal.vision.camera.sought import Sought, TagGrid
 from urdfcal.vision.pictures import Grey
 
-PRIOR = 8.0  # so many numbers' worth of trust in what the neighbourhoods say
-LEAST_CORNERS = {Chessboard: 9, CharucoBoard: LEAST_CHARUCO, TagGrid: 4}
+PRIOR, PRIOR_FITTED = 8.0, 24.0  # so many numbers' worth of trust in what neighbourhoods, and edges of tags, say
+LEAST_CORNERS = {Chessboard: 9, CharucoBoard: LEAST_CHARUCO, TagGrid: 4, CircleGrid: LEAST_CIRCLES}
+_ROUNDS = 2  # from poses to circles' centres
+_WITHIN = 1.96  # sigmas that hold 95 %
 _CHANCE = 1e-3  # that a corner of a good view is left out
 _MOST_WRONG = 0.25
 _WORST_RMS_PX = 2.0  # of corners that were found rightly, by a lens that is the camera's
+_FITTED_PX = 0.005  # what edges of tags and centres of circles are off without any noise
 _REACH = 0.3  # of the way to the next corner
 _INSIDE = 0.9  # of the white or black that a corner has around it
 
@@ -93,40 +98,85 @@ def _seen(picture: Grey, camera: Camera, sought: Sought, noise: float) -> BoardS
     found = _corners(picture, camera, sought)
     if isinstance(found, str):
         return found
-    corners, pixels = found
-    points = np.array([sought.grid.at(int(corner)) for corner in corners])
-    least = LEAST_CORNERS[type(sought.board)]
-    if len(corners) < least or np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=sought.grid.square / 2) < 2:
-        return (
-            f"no {sought.board} found" if not len(corners) else f"only {len(corners)} corners of the {sought.board} found, {least} needed"
-        )
-    windows = _windows(sought, points, pixels)
-    if not isinstance(sought.board, TagGrid):
-        pixels = settled_corners(picture, pixels, windows)
-    sigmas = corner_sigmas(picture, pixels, windows, noise)
-    return _held(camera, sought, (corners, points, pixels, sigmas))
+    points = np.array([sought.grid.at(int(corner)) for corner in found.corners])
+    least, count = LEAST_CORNERS[type(sought.board)], len(found.corners)
+    if count < least or np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=sought.grid.square / 2) < 2:
+        return f"no {sought.board} found" if not count else f"only {count} corners of the {sought.board} found, {least} needed"
+    found = _with_sigmas(picture, sought, points, found, noise)
+    if found.areas is not None:
+        found = replace(found, pixels=_middles(camera, points, found.pixels, found.areas))
+    return _held(camera, sought, (found.corners, points, found.pixels, found.sigmas))
 
 
-def _corners(picture: Grey, camera: Camera, sought: Sought) -> tuple[Numbers, Matrix] | str:
-    """Numbers and pixels of a board's corners."""
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """What a detector says of a board: numbers (n,) and pixels (n, 2) of its corners, and what more it knows.
+
+    Attributes:
+        sigmas: (n,), [px], by one grey level of noise; nan where the detector does not know.
+        areas: Of circles, (n,), [px^2].
+    """
+
+    corners: Numbers
+    pixels: Matrix
+    sigmas: Vector
+    areas: Vector | None = None
+
+
+def _corners(picture: Grey, camera: Camera, sought: Sought) -> _Found | str:
     board = sought.board
-    if isinstance(board, Chessboard):
+    if isinstance(board, TagGrid):
+        return _tag_corners(picture, camera, sought, board)
+    if isinstance(board, CircleGrid):
+        seen = board.seen(picture)
+        return seen if isinstance(seen, str) else _Found(seen.numbers, seen.pixels, seen.sigmas, seen.areas)
+    if isinstance(board, CharucoBoard):
+        corners, pixels = board.numbered(picture, sought.first)
+    else:
         view = board.find(picture, "")
         if isinstance(view, str):
             return view
-        return np.arange(len(view.pixels)), first_corner_first(picture, board, view.pixels)
-    if isinstance(board, CharucoBoard):
-        return board.numbered(picture, sought.first)
-    return _tag_corners(picture, camera, sought, board)
+        corners, pixels = np.arange(len(view.pixels)), first_corner_first(picture, board, view.pixels)
+    return _Found(corners, pixels, np.full(len(corners), np.nan))
 
 
-def _tag_corners(picture: Grey, camera: Camera, sought: Sought, board: TagGrid) -> tuple[Numbers, Matrix]:
+def _tag_corners(picture: Grey, camera: Camera, sought: Sought, board: TagGrid) -> _Found:
     seen = find_markers(picture, ScreenMarkers(board.dictionary, board.side, {}), camera)
     ids = [marker.id for marker in seen]
     own = [marker for marker in seen if marker.id in sought.ids and ids.count(marker.id) == 1]
     numbers = [corner for marker in own for corner in board.corners_of(marker.id - sought.first)]
-    pixels = np.concatenate([marker.pixels for marker in own]) if own else np.empty((0, 2))
-    return np.array(numbers, dtype=np.intp), pixels
+    pixels = np.concatenate([np.empty((0, 2)), *(marker.pixels for marker in own)])
+    return _Found(np.array(numbers, dtype=np.intp), pixels, np.concatenate([np.empty(0), *(marker.sigmas for marker in own)]))
+
+
+def _with_sigmas(picture: Grey, sought: Sought, points: Matrix, found: _Found, noise: float) -> _Found:
+    """The same with the sigmas that a picture's noise leads to; those that the detector does not know from each corner's neighbourhood."""
+    sigmas = np.clip(np.hypot(noise * found.sigmas, _FITTED_PX), _FITTED_PX, MOST_SIGMA_PX)
+    unknown = np.isnan(sigmas)
+    if not unknown.any():
+        return replace(found, sigmas=sigmas)
+    windows, pixels = _windows(sought, points, found.pixels)[unknown], found.pixels.copy()
+    if not isinstance(sought.board, TagGrid):
+        pixels[unknown] = settled_corners(picture, pixels[unknown], windows)
+    sigmas[unknown] = corner_sigmas(picture, pixels[unknown], windows, noise)
+    return replace(found, pixels=pixels, sigmas=sigmas)
+
+
+def _middles(camera: Camera, points: Matrix, seen: Matrix, areas: Vector) -> Matrix:
+    """Where the centres of circles are seen, (n, 2), from the centres of what is seen of them."""
+    pixels = seen
+    for _ in range(_ROUNDS):
+        fit = _plane(camera, points, pixels)
+        if fit is None:
+            break
+        pixels = seen - shift_of(camera, fit.T_camera_plane * T_SCREEN_SHEET, points, areas)
+    return pixels
+
+
+def _plane(camera: Camera, points: Matrix, pixels: Matrix) -> PlaneFit | None:
+    """The pose of a board, whose x runs along its columns and y down its rows."""
+    sheet = points @ T_SCREEN_SHEET.rotation.T
+    return fit_plane(camera, PlanePoints(sheet, pixels, np.zeros(len(sheet), dtype=np.intp)))
 
 
 def first_corner_first(picture: Grey, board: Chessboard, pixels: Matrix) -> Matrix:
@@ -157,16 +207,16 @@ def _uprightness(grid: Array3) -> float:
 
 def looks_the_same_turned(board: object) -> bool:
     """Whether nothing tells a board from itself, turned round by half a turn or a quarter."""
+    if isinstance(board, CircleGrid):
+        return board.rows % 2 == 0
     return isinstance(board, Chessboard) and (board.columns + board.rows) % 2 == 0
 
 
 def _windows(sought: Sought, points: Matrix, pixels: Matrix) -> Vector:
     """Half the side of each corner's window, (n,), [px]: as far as nothing but its own edges reaches, seen as obliquely as it is."""
-    homography, _ = cv2.findHomography(points[:, :2], pixels, cv2.RANSAC, 10.0)
-    if homography is None:
+    slopes = slopes_of(points, pixels)
+    if slopes is None:
         return np.full(len(points), LEAST_WINDOW_PX)
-    weight = points[:, :2] @ homography[2, :2] + homography[2, 2]
-    slopes = (homography[None, :2, :2] - pixels[:, :, None] * homography[None, 2:, :2]) / weight[:, None, None]
     scale = np.linalg.svd(slopes, compute_uv=False)[:, 1]
     return np.asarray(np.clip(np.nan_to_num(_free(sought) * scale), LEAST_WINDOW_PX, MOST_WINDOW_PX).astype(int))
 
@@ -176,6 +226,8 @@ def _free(sought: Sought) -> float:
     board = sought.board
     if isinstance(board, TagGrid):
         return _INSIDE * min(board.side / (int(aruco_dictionary(board.dictionary).markerSize) + 2), board.gap)
+    if isinstance(board, CircleGrid):
+        return _REACH * board.step
     beside = (board.square - board.marker) / 2 if isinstance(board, CharucoBoard) else board.square
     return min(_REACH * board.square, _INSIDE * beside)
 
@@ -186,8 +238,7 @@ def _held(camera: Camera, sought: Sought, seen: tuple[Numbers, Matrix, Matrix, V
     least, kept = LEAST_CORNERS[type(sought.board)], np.ones(len(corners), dtype=bool)
     gate = quantile(1 - _CHANCE / len(corners), 2)
     while True:
-        sheet = points[kept] @ T_SCREEN_SHEET.rotation.T
-        fit = fit_plane(camera, PlanePoints(sheet, pixels[kept], np.zeros(len(sheet), dtype=np.intp)))
+        fit = _plane(camera, points[kept], pixels[kept])
         if fit is None:
             return f"the corners of the {sought.board} fit no pose before this camera; is the lens the right one?"
         squared = (fit.residual**2).sum(axis=1) / sigmas[kept] ** 2
@@ -199,6 +250,8 @@ def _held(camera: Camera, sought: Sought, seen: tuple[Numbers, Matrix, Matrix, V
     if fit.rms > _WORST_RMS_PX or (~kept).sum() > _MOST_WRONG * len(kept):
         left_out = int((~kept).sum())
         return f"the corners of the {sought.board} are {fit.rms:.1f} px off a flat board, {left_out} left out; are sizes and lens right?"
-    factor = np.sqrt((squared.sum() + PRIOR) / (2 * len(squared) - 6 + PRIOR))
+    prior = PRIOR_FITTED if isinstance(sought.board, TagGrid) else PRIOR
+    freedom = 2 * len(squared) - 6 + prior
+    factor = np.sqrt((squared.sum() + prior) / freedom) * (1 + (_WITHIN**2 + 1) / (4 * freedom))
     wrong = tuple(int(corner) for corner in corners[~kept])
     return BoardSeen(corners[kept], pixels[kept], factor * sigmas[kept], fit.rms, wrong)

@@ -32,6 +32,8 @@ _MOST_CORNERS = 100
 LEAST_CORNERS = 3
 _NEAR = (-2, -1, 0, 1, 2)  # by how many corners people miscount
 LEAST_CHARUCO = 6
+_PART = (3, 3)  # corners of the least part of a chessboard that is taken for one
+_LEAST_STEP, _LEAST_SQUARES, _MOST_RIGHT = 25.0, 8, 0.85  # grey levels from dark to light; squares; the share that alternates
 _WINDOW = 0.3  # of the distance to the next corner
 _SHORTEST_PX = 16  # OpenCV fails on less, and no board can be seen in it
 _LONGEST_PX = 1600  # larger pictures are shrunk for finding the board, not for measuring it
@@ -50,11 +52,13 @@ class BoardView:
         name: The picture.
         points: Corners in board axes (x along the columns, y along the rows, z = 0), (n, 3), [m].
         pixels: The same in the picture, (n, 2).
+        areas: Of circles, whose centres the points are: (n,), [px^2]; the pixels are the centres of these areas.
     """
 
     name: str
     points: Matrix
     pixels: Matrix
+    areas: Vector | None = None
 
 
 class Board(Protocol):
@@ -85,7 +89,13 @@ class Chessboard:
         """Its corners, row by row, or why they were not found."""
         grid = self.find_grid(picture)
         if grid is None:
-            return f"no {self} found"
+            part = self.part_of(picture)
+            if part is None:
+                return f"no {self} found"
+            return (
+                f"no {self} found, but {part[0]} x {part[1]} of them: part of the board is hidden, or they are miscounted; "
+                "a chessboard must be seen whole, a ChArUco board (charuco:) need not"
+            )
         if self._goes_on(picture, grid):
             return f"the board goes on beyond {self.columns} x {self.rows} inner corners; count all inner corners of the board"
         return BoardView(name, self.points, refined(picture, grid).reshape(-1, 2))
@@ -106,6 +116,21 @@ class Chessboard:
             if grid is not None and not board._goes_on(picture, grid):
                 return board
         return None
+
+    def part_of(self, picture: Grey) -> tuple[int, int] | None:
+        """Columns and rows of the largest part of a chessboard that is seen; None where none is, or it has more corners than this one."""
+        picture = _shrunk(picture, _HINT_PX)
+        if min(picture.shape) < _SHORTEST_PX:
+            return None
+        found, corners, kinds = cv2.findChessboardCornersSBWithMeta(picture, _PART, flags=_SECTORS | cv2.CALIB_CB_LARGER)
+        if (
+            not found
+            or kinds.size >= self.columns * self.rows
+            or not _alternates(picture, np.asarray(corners, dtype=float).reshape(*kinds.shape, 2))
+        ):
+            return None
+        rows, columns = kinds.shape
+        return (columns, rows) if (columns > rows) == (self.columns > self.rows) else (rows, columns)
 
     def find_grid(self, picture: Grey, thorough: bool = True) -> Array3 | None:
         """Rough corners (rows, columns, 2) in pixels; `thorough` takes a second or two where there is no board, else a quarter of one."""
@@ -137,6 +162,14 @@ class Chessboard:
         as_board = np.asarray((levels > (one + other) / 2) == np.where(even, one > other, other > one))
         on = as_board & inside
         return any(bool(side[1:-1].all()) for side in (on[0], on[-1], on[:, 0], on[:, -1]))
+
+
+def _alternates(picture: Grey, grid: Array3) -> bool:
+    """Whether the squares between corners (rows, columns, 2) are dark and light by turns, but for a few at the edge of what hides it."""
+    levels, even = shades(picture, (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4)
+    one, other = float(np.median(levels[even])), float(np.median(levels[~even]))
+    as_board = (levels > (one + other) / 2) == np.where(even, one > other, other > one)
+    return abs(one - other) > _LEAST_STEP and levels.size >= _LEAST_SQUARES and bool(as_board.mean() > _MOST_RIGHT)
 
 
 def _shrunk(picture: Grey, longest: int) -> Grey:
@@ -243,6 +276,15 @@ def _cells(grid: Array3) -> Array3:
     return np.asarray(cv2.perspectiveTransform(cells.reshape(-1, 1, 2), homography), dtype=float).reshape(cells.shape)
 
 
+def slopes_of(points: Matrix, pixels: Matrix) -> Array3 | None:
+    """How pixels (n, 2) of a plane's points (n, 3) with z = 0 move with them, (n, 2, 2), [px/m]; None where no plane is seen."""
+    homography, _ = cv2.findHomography(points[:, :2], pixels, cv2.RANSAC, 10.0)
+    if homography is None:
+        return None
+    weight = points[:, :2] @ homography[2, :2] + homography[2, 2]
+    return np.asarray((homography[None, :2, :2] - pixels[:, :, None] * homography[None, 2:, :2]) / weight[:, None, None])
+
+
 def parse_chessboard(text: str, option: str = "--board") -> Chessboard:
     """`9x6:25mm`.
 
@@ -253,7 +295,7 @@ def parse_chessboard(text: str, option: str = "--board") -> Chessboard:
     if not match:
         raise UsageError(f"{option} {text}: expected COLUMNSxROWS:SQUARE such as 9x6:25mm, counting inner corners")
     columns, rows, square, unit = match.groups()
-    _require_counts(option, text, int(columns), int(rows), LEAST_CORNERS)
+    require_counts(option, text, int(columns), int(rows), LEAST_CORNERS)
     return Chessboard(int(columns), int(rows), length_of(option, text, square, unit))
 
 
@@ -269,7 +311,7 @@ def parse_charuco(text: str, option: str = "--charuco") -> CharucoBoard:
             f"{option} {text}: expected COLUMNSxROWS:SQUARE:MARKER[:DICT] such as 10x7:25mm:18mm:DICT_4X4_50, counting squares"
         )
     columns, rows, square, square_unit, marker, marker_unit, dictionary = match.groups()
-    _require_counts(option, text, int(columns), int(rows), LEAST_CORNERS)
+    require_counts(option, text, int(columns), int(rows), LEAST_CORNERS)
     name, names = dictionary or "DICT_4X4_50", dictionary_names()
     if name not in names:
         raise UsageError(f"{option} {text}: no dictionary '{name}'{did_you_mean(name, names)}")
@@ -281,7 +323,12 @@ def parse_charuco(text: str, option: str = "--charuco") -> CharucoBoard:
     return CharucoBoard(int(columns), int(rows), *sides, name)
 
 
-def _require_counts(option: str, text: str, columns: int, rows: int, least: int) -> None:
+def require_counts(option: str, text: str, columns: int, rows: int, least: int) -> None:
+    """Refuse boards that nobody has.
+
+    Raises:
+        UsageError: too few columns or rows, or too many.
+    """
     if not (least <= columns <= _MOST_CORNERS and least <= rows <= _MOST_CORNERS):
         raise UsageError(f"{option} {text}: expected {least} to {_MOST_CORNERS} columns and rows")
 

@@ -18,6 +18,7 @@ from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.vision.pictures import Grey
 
 LEAST_SIGMA_PX, MOST_SIGMA_PX = 0.02, 5.0
+_OF_WINDOW = 0.08  # px times px of window: what gradients between whole pixels are off in sharp pictures, more in smaller windows
 _MASK = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 _ROUNDING = 0.29  # grey levels, of whole numbers
 _OF_MEDIAN = 0.6745  # of a Gaussian's sigma: the median of its absolute values
@@ -42,7 +43,8 @@ def corner_sigmas(picture: Grey, pixels: Matrix, windows: Vector, noise: float) 
     for window in np.unique(windows):
         chosen = np.flatnonzero(windows == window)
         sigmas[chosen] = _of_window(picture, pixels[chosen], int(window), noise)
-    return np.clip(np.hypot(sigmas, LEAST_SIGMA_PX), LEAST_SIGMA_PX, MOST_SIGMA_PX)
+    without_noise = np.hypot(LEAST_SIGMA_PX, _OF_WINDOW / windows)
+    return np.clip(np.hypot(sigmas, without_noise), LEAST_SIGMA_PX, MOST_SIGMA_PX)
 
 
 def _of_window(picture: Grey, pixels: Matrix, window: int, noise: float) -> Vector:

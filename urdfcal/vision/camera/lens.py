@@ -22,10 +22,12 @@ from urdfcal.sensors.camera import Camera
 from urdfcal.sensors.lenses import DISTORTION_NAMES, Lens
 from urdfcal.vision.camera.boards import BoardView
 from urdfcal.vision.camera.bundle import DECISIVE, Bundle, bic_of, covariance_of, excess_between_views, with_variances
+from urdfcal.vision.camera.circles import shift_of
 
 FEWEST = 3  # views
 OUTLIER, LEAST_WRONG_PX = 6.0, 0.5
 WORST_RMS_PX = 5.0
+_CENTRINGS = 3  # rounds from the lens to circles' centres and back; the third moves them by less than 1e-4 px
 _SETTLED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
 
 
@@ -67,9 +69,28 @@ def calibrate_lens(views: Sequence[BoardView], size: tuple[int, int], lens: Lens
         raise InputError(
             f"{len(views)} {'view shows' if len(views) == 1 else 'views show'} the board, expected {FEWEST} or more (10 to 20 are good)"
         )
-    fit = _without_outliers(views, size, lens) if lens else _by_evidence(views, size)
+    seen = list(views)
+    fit = _fitted(seen, size, lens)
+    for _ in range(_CENTRINGS if any(view.areas is not None for view in views) else 0):
+        seen = _centred(views, seen, fit)
+        fit = _fitted(seen, size, lens)
     _require_sense(fit)
     return fit
+
+
+def _fitted(views: Sequence[BoardView], size: tuple[int, int], lens: Lens | None) -> LensFit:
+    return _without_outliers(views, size, lens) if lens else _by_evidence(views, size)
+
+
+def _centred(raw: Sequence[BoardView], seen: Sequence[BoardView], fit: LensFit) -> list[BoardView]:
+    """Raw views with the centres of circles in place of the centres of what is seen of them, which lens and pose must be known for."""
+    poses = {id(view): pose for view, pose in zip(fit.views, fit.poses, strict=True)}
+    return [
+        view
+        if view.areas is None or id(last) not in poses
+        else replace(view, pixels=view.pixels - shift_of(fit.camera, poses[id(last)], view.points, view.areas))
+        for view, last in zip(raw, seen, strict=True)
+    ]
 
 
 def _by_evidence(views: Sequence[BoardView], size: tuple[int, int]) -> LensFit:

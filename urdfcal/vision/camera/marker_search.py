@@ -24,6 +24,11 @@ _REACH = 0.4  # of a cell, to either side of an edge
 _LEAST_EDGE_PX = 12.0
 _LEAST_CONTRAST = 10.0  # of 255
 _APART = (0.125, 0.02)  # of a marker's perimeter: nearer to each other, OpenCV takes two squares for one; see _quads
+_OF_ENDS = 1.155  # sqrt(4 / 3): a rise's mean place is moved by the noise of both its ends, which interpolation has smoothed
+_AT_END = float(
+    np.sqrt(1 + 3 / (1 - 2 * _MARGIN) ** 2)
+)  # of a line's sigma in its middle: at an end, which lies beyond what it is fitted to
+_LEAST_CELL_PX = 6.0  # in narrower ones a blurred edge runs into the next cell's, which is worse than noise
 _FARTHEST_PX = 2.0  # from where OpenCV has a corner
 _STRAIGHT_PX = 0.005  # of a bow that is none
 
@@ -35,10 +40,13 @@ class SeenMarker:
     Attributes:
         id: Its number in the dictionary.
         pixels: Corners (4, 2): top left, top right, bottom right, bottom left, seen from the front.
+        sigmas: Standard deviation of a coordinate of each by one grey level of noise a pixel, (4,), [px]; nan where no edges
+            were fitted, or the next cells are too near to know.
     """
 
     id: int
     pixels: Matrix
+    sigmas: Vector
 
 
 def find_markers(picture: Grey, markers: ScreenMarkers, camera: Camera) -> list[SeenMarker]:
@@ -47,7 +55,7 @@ def find_markers(picture: Grey, markers: ScreenMarkers, camera: Camera) -> list[
     shown = np.asarray(cv2.flip(picture, 1) if back else picture, dtype=np.uint8)
     dictionary = aruco_dictionary(markers.dictionary)
     edges = _Edges(shown, dictionary.markerSize + 2, _Bending(camera, width if back else None))
-    found = [SeenMarker(number, edges.corners(quad)) for number, quad in _quads(shown, dictionary)]
+    found = [SeenMarker(number, *edges.corners(quad)) for number, quad in _quads(shown, dictionary)]
     return [replace(marker, pixels=_mirrored(marker.pixels, width)) for marker in found] if back else found
 
 
@@ -120,25 +128,34 @@ class _Edges:
     cells: int
     lens: _Bending
 
-    def corners(self, quad: Matrix) -> Matrix:
-        """Corners (4, 2) as the crossings of the edges; as they were where the marker is too small or an edge is not straight."""
-        lens = self.lens.along(quad)
+    def corners(self, quad: Matrix) -> tuple[Matrix, Vector]:
+        """Corners (4, 2) as the crossings of the edges, and their sigmas (4,); as they were, and nan, where an edge is short or bent."""
+        lens, rough = self.lens.along(quad), (quad, np.full(4, np.nan))
         for _ in range(2):
             ends = lens.straight(quad)
-            lines = [self._edge(lens, ends[corner], ends[(corner + 1) % 4]) for corner in range(4)]
-            if any(line is None for line in lines):
-                return quad
-            crossings = np.cross([line for line in np.roll(np.array(lines), 1, axis=0)], np.array(lines))
+            edges = [self._edge(lens, ends[corner], ends[(corner + 1) % 4]) for corner in range(4)]
+            if any(edge is None for edge in edges):
+                return rough
+            lines, sigmas = (np.array(both) for both in zip(*(edge for edge in edges if edge is not None), strict=True))
+            crossings = np.cross(np.roll(lines, 1, axis=0), lines)
             moved = lens.bent(crossings[:, :2] / crossings[:, 2:])
             if not np.isfinite(moved).all() or np.linalg.norm(moved - quad, axis=1).max() > _FARTHEST_PX:
-                return quad
+                return rough
             quad = moved
-        return quad
+            rough = (quad, np.where(self._cell(ends) < _LEAST_CELL_PX, np.nan, _crossing_sigmas(lines, sigmas)))
+        return rough
 
-    def _edge(self, lens: _Bending, start: Vector, end: Vector) -> Vector | None:
-        """The line (a, b, c), a u + b v + c = 0, of the rise from black to white between two corners; None where there is none.
+    def _cell(self, ends: Matrix) -> float:
+        """How wide a cell of a marker between four corners is seen across its narrowest side, [px]."""
+        along = np.roll(ends, -1, axis=0) - ends
+        lengths = np.linalg.norm(along, axis=1)
+        across = np.abs(along[:, 0] * np.roll(along, -1, axis=0)[:, 1] - along[:, 1] * np.roll(along, -1, axis=0)[:, 0])
+        return float((across / lengths).min() / self.cells)
 
-        Ends and line are as a pinhole has them.
+    def _edge(self, lens: _Bending, start: Vector, end: Vector) -> tuple[Vector, float] | None:
+        """The line (a, b, c), a u + b v + c = 0, of the rise from black to white between two corners, and its sigma at either of them.
+
+        Ends and line are as a pinhole has them. None where there is no such rise.
         """
         length = float(np.linalg.norm(end - start))
         if not length >= _LEAST_EDGE_PX:
@@ -148,16 +165,20 @@ class _Edges:
         rise = self._rise(lens.bent(start + np.linspace(_MARGIN, 1 - _MARGIN, max(8, int(length)))[:, None] * (end - start)), length)
         if rise is None:
             return None
-        found = lens.straight(rise) - start
-        line = _fitted(found @ along, found @ outward)
-        if line is None:
+        found = lens.straight(rise[0]) - start
+        fitted = _fitted(found @ along, found @ outward)
+        if fitted is None:
             return None
-        slope, offset = line
+        slope, offset = fitted
         first, last = (start + at * along + (slope * at + offset) * outward for at in (0.0, length))
-        return np.asarray(np.cross([*first, 1.0], [*last, 1.0]))
+        line = np.cross([*first, 1.0], [*last, 1.0])
+        return np.asarray(line / np.linalg.norm(line[:2])), rise[1] * _AT_END / float(np.sqrt((1 - 2 * _MARGIN) * length))
 
-    def _rise(self, places: Matrix, length: float) -> Matrix | None:
-        """Mean places of the rise from black to white across a curve of places, in the picture; None where there is too little of it."""
+    def _rise(self, places: Matrix, length: float) -> tuple[Matrix, float] | None:
+        """Mean places of the rise from black to white across a curve of places, in the picture, and their sigma by a pixel of edge.
+
+        None where there is too little of it.
+        """
         tangents = np.gradient(places, axis=0)
         outward = np.column_stack([tangents[:, 1], -tangents[:, 0]]) / np.linalg.norm(tangents, axis=1, keepdims=True)
         reach = float(np.clip(_REACH * length / self.cells, 1.5, 6.0))
@@ -171,7 +192,14 @@ class _Edges:
         if usual < _LEAST_CONTRAST or good.sum() < 6:
             return None
         across = (steps @ (offsets[1:] + offsets[:-1]))[good] / 2 / total[good]
-        return np.asarray(places[good] + across[:, None] * outward[good])
+        return np.asarray(places[good] + across[:, None] * outward[good]), _OF_ENDS * reach / usual
+
+
+def _crossing_sigmas(lines: Matrix, sigmas: Vector) -> Vector:
+    """Sigma of a coordinate of each corner, (4,), where the line (a, b, c) before it and its own cross, a^2 + b^2 = 1."""
+    normals = np.stack([np.roll(lines[:, :2], 1, axis=0), lines[:, :2]], axis=1)
+    spread = np.linalg.inv(normals) * np.stack([np.roll(sigmas, 1), sigmas], axis=1)[:, None]
+    return np.asarray(np.sqrt((spread**2).sum(axis=(1, 2)) / 2))
 
 
 def _fitted(position: Vector, across: Vector) -> tuple[float, float] | None:

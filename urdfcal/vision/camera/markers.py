@@ -58,9 +58,7 @@ class ScreenMarkers:
 
     def cells_of(self, marker: int) -> npt.NDArray[np.bool_]:
         """Which cells of a marker are white, with its black border, row 0 at the top, seen from the front."""
-        dictionary = aruco_dictionary(self.dictionary)
-        image = cv2.aruco.generateImageMarker(dictionary, marker, dictionary.markerSize + 2)
-        return np.asarray(image > 127)
+        return cells_of(self.dictionary, marker)
 
 
 class ScreenEntries(BaseModel):
@@ -82,6 +80,13 @@ def dictionary_names() -> list[str]:
 def aruco_dictionary(name: str) -> Any:
     """OpenCV's dictionary of that name, which must be one of `dictionary_names`."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+def cells_of(name: str, marker: int) -> npt.NDArray[np.bool_]:
+    """Which cells of a dictionary's marker are white, with its black border, row 0 at the top."""
+    dictionary = aruco_dictionary(name)
+    image = cv2.aruco.generateImageMarker(dictionary, marker, dictionary.markerSize + 2)
+    return np.asarray(image > 127)
 
 
 def read_screen_markers(path: str | Path) -> ScreenMarkers:

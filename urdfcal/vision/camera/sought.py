@@ -4,6 +4,7 @@
     charuco:7x5:40mm:30mm[:DICT]      ChArUco board, 7 x 5 SQUARES of 40 mm, markers of 30 mm
     apriltag:36h11:6x4:30mm[:9mm]     6 x 4 tags of 30 mm (their black square), 9 mm apart; by default 0.3 of the tag
     aruco:4X4_50:1x1:80mm             the same of ArUco markers, here a single one
+    circles:4x11:20mm[:14mm]          4 circles in a row, 11 rows 20 mm apart, every second shifted by 20 mm; their diameter, for printing
 
 Before the word may stand the link that carries the board, `hand=`, behind it the id of the board's first marker, `@24`. Tags are numbered
 row by row from the top left. Corners are numbered row by row over the whole board, as `rig.yaml` has them: of tags, all four of each.
@@ -19,13 +20,14 @@ from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.base.geometry import MM
 from urdfcal.robot.rig import Grid
 from urdfcal.vision.camera.boards import LENGTH, CharucoBoard, Chessboard, length_of, parse_charuco, parse_chessboard
+from urdfcal.vision.camera.circles import CircleGrid, parse_circles
 from urdfcal.vision.camera.markers import aruco_dictionary, dictionary_names
 
 OPTION = "--board"
 _TAGS = re.compile(rf"(apriltag|aruco):(\w+):(\d+)x(\d+):{LENGTH}(?::{LENGTH})?")
 _USUAL_GAP = 0.3  # of a tag's side
 _MOST_TAGS = 100  # in a row
-_EXAMPLES = "expected 9x6:25mm, charuco:7x5:40mm:30mm, apriltag:36h11:6x4:30mm or aruco:4X4_50:6x4:30mm"
+_EXAMPLES = "expected 9x6:25mm, charuco:7x5:40mm:30mm, apriltag:36h11:6x4:30mm, aruco:4X4_50:6x4:30mm or circles:4x11:20mm"
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,9 @@ class TagGrid:
         return first, first + 1, below + 1, below
 
 
+AnyBoard = Chessboard | CharucoBoard | TagGrid | CircleGrid
+
+
 @dataclass(frozen=True)
 class Sought:
     """A board that is looked for.
@@ -67,13 +72,15 @@ class Sought:
     """
 
     link: str
-    board: Chessboard | CharucoBoard | TagGrid
+    board: AnyBoard
     first: int = 0
 
     @property
     def grid(self) -> Grid:
         """Its corners, as `rig.yaml` has them."""
         board = self.board
+        if isinstance(board, CircleGrid):
+            return board.grid
         if isinstance(board, TagGrid):
             return Grid(2 * board.columns, 2 * board.rows, board.side, board.gap)
         inner = (board.columns, board.rows) if isinstance(board, Chessboard) else (board.columns - 1, board.rows - 1)
@@ -81,16 +88,16 @@ class Sought:
 
     @property
     def ids(self) -> range:
-        """Ids of its markers; none of a chessboard."""
-        board = self.board
-        count = 0 if isinstance(board, Chessboard) else board.columns * board.rows // (2 if isinstance(board, CharucoBoard) else 1)
-        return range(self.first, self.first + count)
+        """Ids of its markers; none of a board without them."""
+        board, count = self.board, self.board.columns * self.board.rows
+        without = isinstance(board, Chessboard | CircleGrid)
+        return range(self.first, self.first + (0 if without else count // 2 if isinstance(board, CharucoBoard) else count))
 
     def in_rig(self) -> str:
         """What `rig.yaml` says of it."""
         grid = self.grid
-        gap = "" if grid.gap is None else f":{grid.gap / MM:.10g}mm"
-        return f"{grid.columns}x{grid.rows}:{grid.square / MM:.10g}mm{gap}"
+        gap, kind = "" if grid.gap is None else f":{grid.gap / MM:.10g}mm", "circles:" if grid.staggered else ""
+        return f"{kind}{grid.columns}x{grid.rows}:{grid.square / MM:.10g}mm{gap}"
 
 
 def parse_boards(texts: Sequence[str], target: str | None) -> tuple[Sought, ...]:
@@ -129,10 +136,30 @@ def parse_board(text: str, target: str | None = None) -> Sought:
     return sought
 
 
-def _board(text: str, word: str) -> Chessboard | CharucoBoard | TagGrid:
+def parse_lens_board(text: str) -> Chessboard | CharucoBoard | CircleGrid:
+    """A board that a lens can be found from.
+
+    Raises:
+        UsageError: the text is none.
+    """
+    kind, _, rest = text.strip().partition(":")
+    if kind == "charuco":
+        return parse_charuco(rest, f"{OPTION} charuco:")
+    if kind == "circles":
+        return parse_circles(rest, f"{OPTION} circles:")
+    if kind in ("apriltag", "aruco"):
+        raise UsageError(
+            f"{OPTION} {text}: tags are measured with a lens that is known; take 9x6:25mm, charuco:7x5:40mm:30mm or circles:4x11:20mm"
+        )
+    return parse_chessboard(text)
+
+
+def _board(text: str, word: str) -> AnyBoard:
     kind, colon, rest = word.partition(":")
     if kind == "charuco" and colon:
         return parse_charuco(rest, f"{OPTION} charuco:")
+    if kind == "circles" and colon:
+        return parse_circles(rest, f"{OPTION} circles:")
     match = _TAGS.fullmatch(word)
     if match:
         return _tags(text, match)
@@ -158,24 +185,29 @@ def _tags(text: str, match: re.Match[str]) -> TagGrid:
 
 def _require_ids(text: str, sought: Sought, stated: bool) -> None:
     """Refuse ids of what has none, and more of them than the dictionary has."""
-    if isinstance(sought.board, Chessboard):
+    board = sought.board
+    if isinstance(board, Chessboard | CircleGrid):
         if stated:
-            raise UsageError(f"{OPTION} {text}: a chessboard has no ids; leave @ out")
+            raise UsageError(
+                f"{OPTION} {text}: a {'chessboard' if isinstance(board, Chessboard) else 'grid of circles'} has no ids; leave @ out"
+            )
         return
-    there = len(aruco_dictionary(sought.board.dictionary).bytesList)
+    there = len(aruco_dictionary(board.dictionary).bytesList)
     if sought.ids.stop > there:
-        raise UsageError(f"{OPTION} {text}: needs ids to {sought.ids.stop - 1}, and {sought.board.dictionary} has 0 to {there - 1}")
+        raise UsageError(f"{OPTION} {text}: needs ids to {sought.ids.stop - 1}, and {board.dictionary} has 0 to {there - 1}")
 
 
 def _require_apart(one: Sought, other: Sought) -> None:
     """Refuse boards that would be taken for each other."""
     if one.link == other.link:
         raise UsageError(f"{OPTION}: two boards on link '{one.link}'; name a link for each, such as hand=... and wall=...")
-    if isinstance(one.board, Chessboard) and isinstance(other.board, Chessboard):
-        if {one.board.columns, one.board.rows} == {other.board.columns, other.board.rows}:
-            raise UsageError(f"{OPTION}: the chessboards on {other.link} and {one.link} look the same; boards with markers have ids")
+    mine, its = one.board, other.board
+    if isinstance(mine, Chessboard | CircleGrid) or isinstance(its, Chessboard | CircleGrid):
+        if type(mine) is type(its) and {mine.columns, mine.rows} == {its.columns, its.rows}:
+            kind = "chessboards" if isinstance(mine, Chessboard) else "grids of circles"
+            raise UsageError(f"{OPTION}: the {kind} on {other.link} and {one.link} look the same; boards with markers have ids")
         return
-    if isinstance(one.board, Chessboard) or isinstance(other.board, Chessboard) or one.board.dictionary != other.board.dictionary:
+    if mine.dictionary != its.dictionary:
         return
     if max(one.ids.start, other.ids.start) < min(one.ids.stop, other.ids.stop):
         first = max(one.ids.stop, other.ids.stop)
