@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Array3, Mask, Matrix, Vector
 from urdfcal.base.notebook import Listing, card
 from urdfcal.base.terminal import rounded
-from urdfcal.calibration.analysis.more_poses import without_lost
+from urdfcal.calibration.analysis.more_poses import covariance, without_lost
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.reach import draw_poses
@@ -51,6 +51,8 @@ class PosePlan:
         tool_sigma_mm: Its predicted position error relative to the base link before the first pose and after each, (n + 1,): RMS over the
             workspace, [mm].
         at_random_mm: The same of as many random candidates, on average, [mm].
+        random_mm: The same before the first of random candidates and after each, on average, (n + 1,), [mm].
+        undetermined: Parameters whose standard deviation these poses leave above half of what it is before any.
     """
 
     robot: Robot
@@ -60,6 +62,8 @@ class PosePlan:
     tool: str
     tool_sigma_mm: Vector
     at_random_mm: float
+    random_mm: Vector = field(default_factory=lambda: np.zeros(0))
+    undetermined: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -166,8 +170,22 @@ def plan_poses(
     if until_mm is not None:
         n = min(n, 1 + int(np.argmax(np.append(left[1:-1] <= (until_mm * MM) ** 2, True))))
     chosen, left = exchanged(H, errors.sigma, M, chosen[:n], known)
-    at_random = np.mean([expected(H, errors.sigma, M, rng.choice(len(q), n, replace=False), known) for _ in range(_DRAWS)])
-    return PosePlan(seen, seen.chain.input_names, q[chosen], chosen, tool, np.sqrt(left) / MM, float(np.sqrt(at_random)) / MM)
+    draws = [rng.choice(len(q), n, replace=False) for _ in range(_DRAWS)]
+    random = np.sqrt(np.mean([_left_after(H, errors.sigma, M, rows, known) for rows in draws], axis=0)) / MM
+    joints = seen.chain.input_names
+    unknown = _undetermined(errors, information(H[chosen]) + (0.0 if known is None else known))
+    return PosePlan(seen, joints, q[chosen], chosen, tool, np.sqrt(left) / MM, float(random[-1]), random, unknown)
+
+
+def _left_after(H: Array3, sigma: Vector, M: Matrix, rows: npt.NDArray[np.intp], known: Matrix | None) -> Vector:
+    """The tool's mean squared error before the first of some candidates and after each, (n + 1,)."""
+    return np.array([expected(H, sigma, M, rows[:count], known) for count in range(len(rows) + 1)])
+
+
+def _undetermined(errors: ErrorModel, told: Matrix) -> tuple[str, ...]:
+    """Names of parameters that stay above half of their prior sigma."""
+    sigma = np.sqrt(np.diag(covariance(told, errors.sigma)))
+    return tuple(np.array(errors.names)[sigma > errors.sigma / 2].tolist())
 
 
 def _taken(
