@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -60,9 +61,14 @@ def test_poses_are_free_and_so_is_the_way(run_cli: Run, tmp_path: Path) -> None:
 
 def test_chosen_poses_tell_more_than_random_ones(run_cli: Run) -> None:
     """The prediction after them is below that after as many random ones; each further pose makes it smaller; a fifth is to test on."""
-    done = run_cli("poses", UR5, "-o", "p.csv", *POINT, *FEW, "--no-collisions", "--json")
+    done = run_cli("poses", UR5, "-o", "p.csv", *POINT, *FEW, "--no-collisions", "--report", "p.html", "--json")
     assert done.code == 0, done.err
     told = json.loads(done.out)
+    page = Path("p.html").read_text()
+    assert told["files"] == ["p.csv", "p.html"]
+    assert f"{told['at_random_mm']:.3g} mm after as many random ones" in page
+    assert all(name in page for name in told["joints"])
+    assert not re.search(r"(src|href)=.https?:", page)
     sigma = np.array(told["tool_sigma_mm"])
     assert (np.diff(sigma) < 0).all()
     assert sigma[-1] < 0.9 * told["at_random_mm"]

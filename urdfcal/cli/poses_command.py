@@ -29,6 +29,7 @@ from urdfcal.cli.places import (
     MEASUREMENTS,
     deliver,
     named,
+    page_place,
     require_ending,
     require_no_json,
     require_places,
@@ -97,6 +98,10 @@ def poses(
             show_default=False,
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(metavar="HTML", parser=stated_file, help="Also a page of what the poses are worth, to be read.", show_default=False),
+    ] = None,
     speed: Annotated[float, typer.Option(help="Of the joints' full speed, in the trajectory.", rich_help_panel=EXPERT)] = 0.2,
     candidates: Annotated[int, typer.Option(min=10, max=20_000, help="Random poses to choose from.", rich_help_panel=EXPERT)] = 1500,
     reference: Reference = None,
@@ -124,24 +129,30 @@ def poses(
     if trajectory is not None:
         require_ending("--trajectory", trajectory, _TRAJECTORY, "a trajectory")
     places = [output, *([trajectory] if trajectory else [])]
+    inputs = {"robot": robot, "measured": have, "scene": scene, "srdf": srdf}
     require_places(*places, inputs=(robot, have, scene, srdf))
     made_of = inputs_sha256((robot, have, scene, srdf))
     if not overwrite:
         for place in places:
             require_marked(place, (made_of,), "result of urdfcal poses from the same files")
+    page = page_place(report, f"{arm.description.stem}_poses.html", inputs.values(), made_of, overwrite, *places)
     earlier = measured(arm, have, None, reference)[1] if have else None
     cells = _Cells(scene, srdf, clearance_mm, seed) if collisions else None
     with Working("choosing poses", quiet):
         plan = _plan(arm, tuple(sensor or ("laser",)), n, until, tool, earlier, cells, candidates, reference, seed)
         tour = _toured(plan, cells)
     say(verbose, about(plan.robot))
-    warn(cells.warnings if cells else (), quiet)
-    warn(_not_driven(plan, tour), quiet)
+    said = [*(cells.warnings if cells else ()), *_not_driven(tour)]
     if until is not None and plan.tool_sigma_mm[-1] > until:
-        warn([f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until:g} mm"], quiet)
+        said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until:g} mm")
+    warn(said, quiet)
     files: dict[str | Path, bytes] = {output: plan_csv(plan, tour, _TEST, made_of)}
     if trajectory is not None:
         files[trajectory] = trajectory_yaml(plan, tour, speed, made_of)
+    if page is not None:
+        from urdfcal.output.report.poses_page import poses_page
+
+        files[page] = poses_page(plan, tour, _TEST, cells.reasons if cells else {}, said, inputs.items(), made_of)
     deliver(files)
     lines = [*plan_lines(plan, tour), f"wrote {listed(told(files))}"]
     finish(plan_json(plan, tour, told(files)) if as_json else None, "\n".join(lines), quiet)
@@ -168,6 +179,7 @@ class _Cells:
         self.scene, self.srdf, self.clearance_mm, self.seed = scene, srdf, clearance_mm, seed
         self.made: Cell | None = None
         self.known: list[Matrix] = []  # free positions
+        self.looked = 0
 
     def free(self, robot: Robot, q: Matrix) -> Mask:
         """Which positions the robot may take.
@@ -186,7 +198,14 @@ class _Cells:
             way = self.made.most_in_the_way(q)
             raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
         self.known.append(q[free])
+        self.looked += len(q)
         return free
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """How many of the positions that were looked at are free, and how many not."""
+        free = sum(map(len, self.known))
+        return {"are free": free, "touch themselves or what stands around": self.looked - free}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -236,7 +255,7 @@ def _toured(plan: PosePlan, cells: _Cells | None) -> Tour:
     return toured(plan.q, plan.robot, home, Ways(cells.made).free_until, through)
 
 
-def _not_driven(plan: PosePlan, tour: Tour) -> list[str]:
+def _not_driven(tour: Tour) -> list[str]:
     legs = [f"{leg + 1} to {leg + 2}" for leg in tour.blocked]
     if not legs:
         return []

@@ -47,7 +47,7 @@ def view(
         Path | None,
         typer.Argument(
             metavar="MEASUREMENTS",
-            help="CSV: a column a joint, and what was measured. Without it one pose is shown.",
+            help="CSV: a column a joint, and what was measured, or a tour of poses. Without it one pose is shown.",
             show_default=False,
         ),
     ] = None,
@@ -112,7 +112,10 @@ def view(
     verbose: Verbose = False,
 ) -> None:
     """Show robot, beams and screen or targets, measured and predicted, in a browser."""
+    from dataclasses import replace
+
     from urdfcal.output.replaced import inputs_sha256, require_marked
+    from urdfcal.output.view.planned import planned_poses
     from urdfcal.output.view.server import require_address
     from urdfcal.output.view.viewer import view_of
 
@@ -130,12 +133,17 @@ def view(
         made_of = inputs_sha256(shown)
         if not overwrite:
             require_marked(html, ('id="urdfcal-scene"', made_of), "page that urdfcal view has made of the same files")
+    options = rig_file.options()
     if measurements is not None:
-        arm, data = measured(arm, measurements, rig_file, reference, target, camera)
+        planned = planned_poses(measurements, arm, target) if reference is None and camera is None else None
+        if planned is None:
+            arm, data = measured(arm, measurements, rig_file, reference, target, camera)
+        else:
+            data, options = planned, replace(options, reference_known=True, target_known=True)
     other, bending = (None, None) if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
     if session is not None and measurements is None:
         raise UsageError(f"--session {session}: name the measurements that it is of")
-    seen = view_of(arm, data, other, magnify, rig_file.options(), bending, session)
+    seen = view_of(arm, data, other, magnify, options, bending, session)
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:

@@ -22,7 +22,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.analysis.more_poses import covariance
 from urdfcal.estimation.gains import gains
 from urdfcal.estimation.identifiability import indices
@@ -171,6 +171,10 @@ class Design:
             return Traced(self.sigma, self._seen @ self._seen.T / np.outer(self.sigma, self.sigma))
         scaled = self.sigma[:, None] * self._seen
         return Volume(scaled) if name in ("D", "O1") else Spectral(scaled, _INDEX[name], name == "O5")
+
+    def undetermined(self, N: Matrix) -> Mask:
+        """Which parameters poses of information N leave above half of their prior sigma, (p,)."""
+        return np.asarray(np.diag(covariance(N, self.sigma)) > (self.sigma / 2) ** 2)
 
     @cached_property
     def _seen(self) -> Matrix:

@@ -49,7 +49,8 @@ class PosePlan:
         tool: The link whose accuracy is predicted.
         tool_sigma_mm: Its predicted position error relative to the base link before the first pose and after each, (n + 1,): RMS over the
             workspace, [mm].
-        at_random_mm: The same of as many random candidates, on average, [mm].
+        random_mm: The same before the first of random candidates and after each, on average, (n + 1,), [mm].
+        undetermined: Parameters whose standard deviation these poses leave above half of what it is before any.
         criterion: What they were chosen by, one of `criteria.NAMES`.
         value: What that is of them, as it is defined.
         value_at_random: The same of as many random candidates, on average.
@@ -66,7 +67,8 @@ class PosePlan:
     chosen: npt.NDArray[np.intp]
     tool: str
     tool_sigma_mm: Vector
-    at_random_mm: float
+    random_mm: Vector
+    undetermined: tuple[str, ...] = ()
     criterion: str = "I"
     value: float = np.nan
     value_at_random: float = np.nan
@@ -75,6 +77,11 @@ class PosePlan:
     looked: int = 0
     assumed: tuple[str, ...] = ()
     detects_mm: float | None = None
+
+    @property
+    def at_random_mm(self) -> float:
+        """The tool's predicted position error after as many random candidates, on average, [mm]."""
+        return float(self.random_mm[-1])
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -298,9 +305,8 @@ def _plan(
     check: bool,
     drawn_ones: bool,
 ) -> PosePlan:
-    n, by = len(chosen), design.by("I")
+    n, now = len(chosen), _told(design, chosen)
     draws = [rng.choice(len(found.q), n, replace=False) for _ in range(_DRAWS)]
-    told = [design.known + information(design.H[rows]) for rows in draws]
     return PosePlan(
         made.robot,
         made.robot.chain.input_names,
@@ -308,13 +314,19 @@ def _plan(
         found.rows[chosen],
         tool,
         _tool_mm(design, chosen),
-        float(np.sqrt(np.mean([by.left(N) for N in told]))) / MM,
-        criterion,
-        design.value(criterion, design.known + information(design.H[chosen]), n),
-        float(np.mean([design.value(criterion, N, n) for N in told])),
-        found.told(drawn_ones),
-        found.reasons,
-        found.looked,
-        made.assumed,
-        detected_mm(made.errors, design.H[chosen], design.M, rng) if check else None,
+        random_mm=np.sqrt(np.mean([_tool_mm(design, rows) ** 2 for rows in draws], axis=0)),
+        undetermined=tuple(np.array(made.errors.names)[design.undetermined(now)].tolist()),
+        criterion=criterion,
+        value=design.value(criterion, now, n),
+        value_at_random=float(np.mean([design.value(criterion, _told(design, rows), n) for rows in draws])),
+        usable=found.told(drawn_ones),
+        reasons=found.reasons,
+        looked=found.looked,
+        assumed=made.assumed,
+        detects_mm=detected_mm(made.errors, design.H[chosen], design.M, rng) if check else None,
     )
+
+
+def _told(design: Design, rows: Rows) -> Matrix:
+    """Information of some candidates and of what was measured before, (p, p)."""
+    return design.known + information(design.H[rows])
