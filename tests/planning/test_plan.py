@@ -9,7 +9,8 @@ import pytest
 
 import urdfcal
 from urdfcal.base.errors import ShapeMismatch, UsageError
-from urdfcal.planning.criteria import Traced, gains
+from urdfcal.estimation.gains import gains
+from urdfcal.planning.criteria import Traced
 from urdfcal.planning.plan import plan_poses
 from urdfcal.planning.selection import exchanged, expected, greedy
 from urdfcal.robot.robot import Robot

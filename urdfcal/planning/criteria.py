@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.calibration.analysis.more_poses import covariance
+from urdfcal.estimation.gains import gains
 from urdfcal.estimation.identifiability import indices
 
 NAMES = ("I", "D", "A", "E", "O1", "O2", "O3", "O4", "O5")
@@ -190,10 +191,3 @@ class Design:
 
 def _with_prior(information: Array3) -> Array3:
     return np.asarray(information + np.eye(information.shape[-1]))
-
-
-def gains(H: Array3, P: Matrix, M: Matrix) -> Vector:
-    """By how much each candidate would lower tr(P M), (m,)."""
-    HP = H @ P
-    S = HP @ H.transpose(0, 2, 1) + np.eye(H.shape[1])
-    return np.asarray(np.trace(np.linalg.solve(S, HP @ M @ HP.transpose(0, 2, 1)), axis1=1, axis2=2))

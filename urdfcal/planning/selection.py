@@ -1,11 +1,8 @@
 """Poses chosen one by one so that a criterion gets as small as it can: greedy design, then exchanges.
 
 With P the covariance of the parameters so far and M the mean of J'J over the workspace, J the motion of the tool's origin per parameter,
-the tool's mean squared error is tr(P M). A further pose with the whitened Jacobian H leaves P - P H' (I + H P H')^-1 H P, so it gains
-
-    tr((I + H P H')^-1 H P M P H'),
-
-and of all candidates the one that gains most is taken, pose after pose. What so many poses gain grows with ever smaller steps, of which
+the tool's mean squared error is tr(P M). What a further pose gains of it is worked out in `estimation.gains`, and of all candidates the
+one that gains most is taken, pose after pose. What so many poses gain grows with ever smaller steps, of which
 greedy choices are known to get the better part (Krause, Singh and Guestrin, 2008, for mutual information), though not all. So poses
 are then exchanged (Fedorov, 1972): each in turn is taken out, and the candidate that gains most without it is put in its place, until
 none gains. Other criteria (`criteria`) are served in the same way.
