@@ -26,7 +26,8 @@ from urdfcal.calibration.rig_file import RigFile, read_rig_file
 from urdfcal.cell.collisions import cell_of
 from urdfcal.cli.main import app
 from urdfcal.model.gauge import build_error_model
-from urdfcal.robot.configurations import random_positions
+from urdfcal.planning.limits import read_limits
+from urdfcal.robot.configurations import joint_limits, random_positions
 from urdfcal.robot.robot import Robot
 from urdfcal.vision.camera.camera_file import read_camera
 from urdfcal.vision.camera.markers import read_screen_markers
@@ -104,6 +105,14 @@ def test_the_screen_block_is_taken(block: str, tmp_path: Path) -> None:
     """The screen.yaml that is shown is read."""
     (tmp_path / "screen.yaml").write_text(block)
     assert len(read_screen_markers(tmp_path / "screen.yaml").centres) == 4
+
+
+@pytest.mark.parametrize("block", blocks("yaml limits.yaml"))
+def test_limits_on_pages_are_read(block: str, tmp_path: Path, robots: dict[str, Robot]) -> None:
+    """The limits.yaml that is shown narrows a UR5's."""
+    (tmp_path / "limits.yaml").write_text(block)
+    narrower, own = read_limits(tmp_path / "limits.yaml", robots["ur5"]), joint_limits(robots["ur5"])
+    assert (np.ptp(narrower, axis=0) < np.ptp(own, axis=0)).any()
 
 
 @pytest.mark.parametrize("block", blocks("yaml scene.yaml"))

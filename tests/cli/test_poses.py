@@ -86,8 +86,8 @@ def test_a_robot_without_a_rig_is_planned_for(run_cli: Run, tmp_path: Path) -> N
 
 
 def test_as_few_as_suffice(run_cli: Run) -> None:
-    """--until-mm stops where the prediction is there, and what was measured already counts."""
-    words = ("poses", UR5, *POINT, "--candidates", "150", "--no-collisions", "--until-mm", "0.3", "--json")
+    """--until stops where the prediction is there, and what was measured already counts."""
+    words = ("poses", UR5, *POINT, "--candidates", "150", "--no-collisions", "--until", "0.3mm", "--json")
     done = json.loads(run_cli(*words, "-o", "p.csv").out)
     assert done["tool_sigma_mm"][-1] <= 0.3
     assert len(done["poses"]) > 6
@@ -115,19 +115,26 @@ def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ((*POINT, "-n", "5", "--until-mm", "1"), "-n and --until-mm both say how many poses"),
+        ((*POINT, "-n", "5", "--until", "1mm"), "-n and --until both say how many poses"),
         ((*POINT, "--no-collisions", "--scene", "s.yaml"), "--scene is for collisions, which --no-collisions leaves out"),
         ((*POINT, "--scene", "none.yaml"), "none.yaml: cannot be read"),
         ((*POINT, "--speed", "0"), "--speed 0: expected"),
         ((*POINT, "--clearance-mm", "-1"), "a clearance of -1 mm: expected a number from 0 to 1000 mm"),
         (("--sensor", "socket:tool0"), "socket:tool0 touches"),
         ((*POINT, "--scene", "full.yaml"), "random poses is free"),
-        ((*POINT, "--trajectory", "t.csv"), "t.csv"),
+        ((*POINT, "--trajectory", "t.xml"), "expected .yaml (ROS 2), .script (URScript) or .csv (degrees)"),
+        ((*POINT, "--until", "0.1"), "--until 0.1: expected a length with its unit, such as 0.1mm"),
+        ((*POINT, "--check", "--criterion", "D"), "--check has a criterion and a number of its own; leave out --criterion"),
+        ((*POINT, "--check", "-n", "20"), "-n 20: a check has 6 to 10 poses"),
+        ((*POINT, "--limits", "l.yaml"), "l.yaml:1: joint 'elbow_joint': 10 to 5 deg leaves no room"),
+        (("--board", "tool0=9x6:25mm"), "name the camera's lens with --camera CAMERA.yaml"),
+        (("--sensor", "point:tool0@leica"), "no instrument or link named 'leica'"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(run_cli: Run, tmp_path: Path, words: tuple[str, ...], said: str) -> None:
     """One line, exit code 2, nothing written."""
     (tmp_path / "full.yaml").write_text("boxes: {wall: {size_mm: [9000, 9000, 9000]}}\nlink: world\n")
+    (tmp_path / "l.yaml").write_text("deg: {elbow_joint: [10, 5]}\n")
     done = run_cli("poses", UR5, "-o", "p.csv", "--candidates", "40", *words)
     assert said in done.err
     assert done.code == 2

@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+import re
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import Working, finish, say, warn
 from urdfcal.cli.help import EXPERT
-from urdfcal.cli.inputs import about, listed, load, measured, positive
+from urdfcal.cli.inputs import (
+    about,
+    camera_of,
+    listed,
+    load,
+    measured,
+    positive,
+    require_boards,
+    rig_file_of,
+    rig_options,
+    stated_area,
+    stations_of,
+    with_board,
+)
 from urdfcal.cli.options import (
+    RIG,
     Json,
     Lasers,
     Overwrite,
     PackageDirs,
     Quiet,
     Reference,
+    RigOption,
     RobotFile,
     Screen,
     Seed,
@@ -40,16 +57,40 @@ from urdfcal.cli.places import (
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Mask, Matrix
+    from urdfcal.calibration.rig_file import RigFile
     from urdfcal.cell.collisions import Cell
+    from urdfcal.planning.measuring import Asked
     from urdfcal.planning.plan import PosePlan
     from urdfcal.planning.tour import Tour
     from urdfcal.robot.robot import Robot
-    from urdfcal.sensors.measurements import Measurements
 
 _TEST = 5  # every such pose is to test on
 _THROUGH = 300  # free positions that legs may go around by
 _MOST = 200  # poses that --until tries
-_TRAJECTORY = (".yaml", ".yml")
+_CHECK = (6, 10)  # poses that tell a later change
+_LENGTH = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(mm|m|um)")
+_SIZES = {"m": 1e3, "mm": 1.0, "um": 1e-3}  # [mm]
+
+
+class CriterionName(StrEnum):
+    """The criteria, as `planning.criteria.NAMES` has them."""
+
+    I = "I"  # noqa: E741  # the field's own name
+    D = "D"
+    A = "A"
+    E = "E"
+    O1 = "O1"
+    O2 = "O2"
+    O3 = "O3"
+    O4 = "O4"
+    O5 = "O5"
+
+
+class Approach(StrEnum):
+    """From where poses are visited."""
+
+    ANY = "any"
+    BOTH = "both"
 
 
 def poses(
@@ -62,24 +103,43 @@ def poses(
     ],
     n: Annotated[int | None, typer.Option("-n", "--poses", min=2, max=_MOST, help="How many. Default: 30.", show_default=False)] = None,
     until: Annotated[
-        float | None,
-        typer.Option("--until-mm", help="As few as bring the tool's predicted error (RMS) down to this, in mm.", show_default=False),
+        str | None,
+        typer.Option(metavar="0.1mm", help="As few as bring the tool's predicted error (RMS) down to this.", show_default=False),
     ] = None,
     sensor: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KIND:LINK",
-            help="What will measure: laser (the robot's), or point, pose, distance or inclination of a target on LINK; repeatable. "
-            "Default: laser.",
+            help="What will measure: laser (the robot's), or point, pose, pixels, distance or inclination of a target on LINK, by "
+            "LINK@INSTRUMENT where there are several; repeatable. Default: the boards of --board and --rig, else laser.",
             show_default=False,
         ),
     ] = None,
     tool: Annotated[
         str | None, typer.Option(metavar="LINK", help="The link that is to be known. Default: what is measured.", show_default=False)
     ] = None,
+    criterion: Annotated[
+        CriterionName | None,
+        typer.Option(
+            help="What is to be best: I the tool over the workspace, D, A, E, O1 to O5 the parameters. Default: I.", show_default=False
+        ),
+    ] = None,
+    region: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV", help="Poses over which the tool is to be known. Default: all that joint limits allow.", show_default=False
+        ),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Choose 6 to 10 poses, by default 8, that best tell whether the robot has changed since.")
+    ] = False,
     have: Annotated[
         Path | None, typer.Option(metavar="CSV", help="What was measured already: the plan completes it.", show_default=False)
     ] = None,
+    limits: Annotated[
+        Path | None, typer.Option(metavar="YAML|CSV", help="Narrower limits of some joints, in deg or rad, mm or m.", show_default=False)
+    ] = None,
+    approach: Annotated[Approach, typer.Option(help="Visit each pose from any side, or from both, which tells backlash.")] = Approach.ANY,
     scene: Annotated[
         Path | None, typer.Option(metavar="YAML", help="What stands around: boxes, cylinders, planes, meshes.", show_default=False)
     ] = None,
@@ -90,11 +150,12 @@ def poses(
     clearance_mm: Annotated[float, typer.Option(help="How far all stay apart, in mm.")] = 5.0,
     collisions: Annotated[bool, typer.Option(help="Look for collisions of the robot with itself and the scene.")] = True,
     trajectory: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
-            metavar="YAML",
+            metavar="YAML|SCRIPT|CSV",
             parser=stated_file,
-            help="Also a ROS 2 JointTrajectory over all poses and the ways around.",
+            help="Also all poses and the ways around to drive: a ROS 2 JointTrajectory (.yaml), URScript (.script) or a table in degrees "
+            "(.csv); repeatable.",
             show_default=False,
         ),
     ] = None,
@@ -103,6 +164,42 @@ def poses(
         typer.Option(metavar="HTML", parser=stated_file, help="Also a page of what the poses are worth, to be read.", show_default=False),
     ] = None,
     speed: Annotated[float, typer.Option(help="Of the joints' full speed, in the trajectory.", rich_help_panel=EXPERT)] = 0.2,
+    pause: Annotated[
+        float, typer.Option("--pause-s", min=0.0, help="To stand still at each pose, in the trajectory, in s.", rich_help_panel=EXPERT)
+    ] = 0.0,
+    rig: RigOption = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(metavar="YAML", help="Lens that pixels will be read with.", show_default=False, rich_help_panel=RIG),
+    ] = None,
+    board: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK=COLSxROWS:SQUARE",
+            help="A link that is a board, by its INNER corners, e.g. board=9x6:25mm.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
+    acceptance_deg: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0,
+            max=180.0,
+            help="Angle about the target's +z within which a tracker sees it, such as 30. Default: it is seen from all sides.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
+    screen_size_m: Annotated[
+        str | None,
+        typer.Option(
+            metavar="W[,H]",
+            help="Size of the screen along y and z in m. Default: as the URDF draws it, else 3.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
     candidates: Annotated[int, typer.Option(min=10, max=20_000, help="Random poses to choose from.", rich_help_panel=EXPERT)] = 1500,
     reference: Reference = None,
     overwrite: Overwrite = False,
@@ -116,57 +213,147 @@ def poses(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Choose poses to measure: those that tell most of the tool, free of collisions, in a short order."""
+    """Choose poses to measure: those that tell most of the tool, free of collisions and seen, in a short order."""
+    from urdfcal.output.drives import FORMS, drive_of
     from urdfcal.output.replaced import inputs_sha256, require_marked
-    from urdfcal.output.text.poses import plan_csv, plan_json, plan_lines, trajectory_yaml
+    from urdfcal.output.text.poses import plan_csv, plan_json, plan_lines
 
     require_no_json(as_json, output)
     positive("--speed", speed)
-    _require_sense(n, until, scene if not collisions else None, srdf if not collisions else None)
-    arm = load(robot, xacro_arg, package_dir, screen, laser, xacro_limit=xacro_limit, quiet=quiet)
+    until_mm = _length_mm("--until", until)
+    _require_sense(n, until_mm, scene if not collisions else None, srdf if not collisions else None, check, criterion)
+    rig_file = with_board(rig_file_of(rig), board)
+    arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_poses.csv")
     require_ending("-o", output, MEASUREMENTS, "a file of poses")
-    if trajectory is not None:
-        require_ending("--trajectory", trajectory, _TRAJECTORY, "a trajectory")
-    places = [output, *([trajectory] if trajectory else [])]
-    inputs = {"robot": robot, "measured": have, "scene": scene, "srdf": srdf}
-    require_places(*places, inputs=(robot, have, scene, srdf))
-    made_of = inputs_sha256((robot, have, scene, srdf))
+    asked = _asked(arm, sensor, rig_file, reference, camera, screen_size_m)
+    seen, drives = _seen(arm, asked, trajectory or []), trajectory or []
+    inputs = {
+        "robot": robot,
+        "measured": have,
+        "scene": scene,
+        "srdf": srdf,
+        "region": region,
+        "limits": limits,
+        "rig": rig,
+        "camera": camera,
+    }
+    places, read = [output, *drives], tuple(inputs.values())
+    require_places(*places, inputs=read)
+    made_of = inputs_sha256(read)
     if not overwrite:
         for place in places:
             require_marked(place, (made_of,), "result of urdfcal poses from the same files")
-    page = page_place(report, f"{arm.description.stem}_poses.html", inputs.values(), made_of, overwrite, *places)
-    earlier = measured(arm, have, None, reference)[1] if have else None
+    page = page_place(report, f"{arm.description.stem}_poses.html", read, made_of, overwrite, *places)
+    earlier = measured(arm, have, rig_file, reference, camera=camera)[1] if have else None
     cells = _Cells(scene, srdf, clearance_mm, seed) if collisions else None
+    wanted: dict[str, Any] = {
+        "candidates": candidates,
+        "n": n if until_mm is None else min(candidates, _MOST),
+        "until_mm": until_mm,
+        "criterion": (criterion or CriterionName.I).value,
+        "check": check,
+        "both_sides": approach is Approach.BOTH,
+        "tool": tool,
+        "workspace": _region(region, seen, quiet),
+        "limits": _limits(limits, seen),
+        "options": rig_options(rig_file, rig, seen),
+        "sigmas": rig_file.noise.by_kind(),
+        "have": earlier,
+        "seed": seed,
+    }
     with Working("choosing poses", quiet):
-        plan = _plan(arm, tuple(sensor or ("laser",)), n, until, tool, earlier, cells, candidates, reference, seed)
+        plan = _plan(arm, asked, wanted, cells, acceptance_deg)
         tour = _toured(plan, cells)
     say(verbose, about(plan.robot))
-    said = [*(cells.warnings if cells else ()), *_not_driven(tour)]
-    if until is not None and plan.tool_sigma_mm[-1] > until:
-        said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until:g} mm")
+    said = [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour)]
+    if until_mm is not None and plan.tool_sigma_mm[-1] > until_mm:
+        said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until_mm:g} mm")
     warn(said, quiet)
-    files: dict[str | Path, bytes] = {output: plan_csv(plan, tour, _TEST, made_of)}
-    if trajectory is not None:
-        files[trajectory] = trajectory_yaml(plan, tour, speed, made_of)
+    files: dict[str | Path, bytes] = {output: plan_csv(plan, tour, _TEST, made_of, approach is Approach.BOTH)}
+    drive = drive_of(plan, tour, both_sides=approach is Approach.BOTH, speed=speed, pause=pause, made_of=made_of)
+    files |= {place: FORMS[place.suffix.lower()](drive) for place in drives}
     if page is not None:
         from urdfcal.output.report.poses_page import poses_page
 
-        files[page] = poses_page(plan, tour, _TEST, cells.reasons if cells else {}, said, inputs.items(), made_of)
+        files[page] = poses_page(plan, tour, _TEST, said, inputs.items(), made_of)
     deliver(files)
     lines = [*plan_lines(plan, tour), f"wrote {listed(told(files))}"]
     finish(plan_json(plan, tour, told(files)) if as_json else None, "\n".join(lines), quiet)
 
 
-def _require_sense(n: int | None, until: float | None, scene: Path | None, srdf: Path | None) -> None:
+def _length_mm(option: str, text: str | None) -> float | None:
+    """A length with its unit, [mm].
+
+    Raises:
+        UsageError: the text is none.
+    """
+    if text is None:
+        return None
+    match = _LENGTH.fullmatch(text.strip())
+    if match is None:
+        raise UsageError(f"{option} {text}: expected a length with its unit, such as 0.1mm")
+    return positive(option, float(match[1]) * _SIZES[match[2]])
+
+
+def _asked(arm: Robot, sensor: list[str] | None, rig: RigFile, reference: str | None, camera: Path | None, size: str | None) -> Asked:
+    """What will measure, as options and rig.yaml say it: every board by every camera, where no sensor is named."""
+    from urdfcal.planning.measuring import Asked
+
+    require_boards(arm, rig)
+    stations, boards = stations_of(arm, rig), rig.grids()
+    by = ["", *(f"@{name}" for name in stations.cameras)] if camera or not stations.cameras else [f"@{name}" for name in stations.cameras]
+    words = sensor or [f"pixels:{link}{name}" for link in boards for name in by] or ["laser"]
+    return Asked(tuple(words), reference or rig.reference or "", camera_of(camera), boards, stations, stated_area(size))
+
+
+def _seen(arm: Robot, asked: Asked, drives: list[Path]) -> Robot:
+    """The robot as what is asked for sees it; refuses files that cannot drive it."""
+    from urdfcal.output.drives import require_form
+    from urdfcal.planning.measuring import seen_with
+
+    seen = seen_with(arm, asked)
+    for place in drives:
+        require_form(place, seen)
+    return seen
+
+
+def _limits(path: Path | None, seen: Robot) -> Matrix | None:
+    from urdfcal.planning.limits import read_limits
+
+    return None if path is None else read_limits(path, seen)
+
+
+def _region(path: Path | None, seen: Robot, quiet: bool) -> Matrix | None:
+    """Positions of the joints over which the tool is to be known, (c, inputs)."""
+    if path is None:
+        return None
+    from urdfcal.base.tables import read_table
+    from urdfcal.sensors.column_names import as_people_write
+    from urdfcal.sensors.joint_columns import JointColumns, require_joints
+
+    table = as_people_write(read_table(path, "a column a joint", "one row a pose"), seen)
+    require_joints(table, seen)
+    joints = JointColumns(table, seen)
+    positions = joints.positions
+    warn([*table.notes, *joints.warnings()], quiet)
+    return positions
+
+
+def _require_sense(
+    n: int | None, until: float | None, scene: Path | None, srdf: Path | None, check: bool, criterion: CriterionName | None
+) -> None:
     """Refuse options that contradict each other.
 
     Raises:
         UsageError: names them.
     """
     if n is not None and until is not None:
-        raise UsageError("-n and --until-mm both say how many poses; use one of the two")
-    positive("--until-mm", until)
+        raise UsageError("-n and --until both say how many poses; use one of the two")
+    if check and (until is not None or criterion is not None):
+        raise UsageError(f"--check has a criterion and a number of its own; leave out {'--until' if until is not None else '--criterion'}")
+    if check and n is not None and not _CHECK[0] <= n <= _CHECK[1]:
+        raise UsageError(f"-n {n}: a check has {_CHECK[0]} to {_CHECK[1]} poses")
     for option, path in (("--scene", scene), ("--srdf", srdf)):
         if path is not None:
             raise UsageError(f"{option} is for collisions, which --no-collisions leaves out; use one of the two")
@@ -179,7 +366,6 @@ class _Cells:
         self.scene, self.srdf, self.clearance_mm, self.seed = scene, srdf, clearance_mm, seed
         self.made: Cell | None = None
         self.known: list[Matrix] = []  # free positions
-        self.looked = 0
 
     def free(self, robot: Robot, q: Matrix) -> Mask:
         """Which positions the robot may take.
@@ -198,14 +384,14 @@ class _Cells:
             way = self.made.most_in_the_way(q)
             raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
         self.known.append(q[free])
-        self.looked += len(q)
         return free
 
-    @property
-    def reasons(self) -> dict[str, int]:
-        """How many of the positions that were looked at are free, and how many not."""
-        free = sum(map(len, self.known))
-        return {"are free": free, "touch themselves or what stands around": self.looked - free}
+    def hidden(self, robot: Robot, q: Matrix, begin: Matrix, end: Matrix) -> Mask:
+        """At which positions something stands between two points, in the axes of the chain's base."""
+        from urdfcal.cell.hiding import hidden
+
+        assert self.made is not None  # free was asked first
+        return hidden(self.made, q, begin, end)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -213,31 +399,23 @@ class _Cells:
         return self.made.warnings if self.made is not None else ()
 
 
-def _plan(
-    arm: Robot,
-    sensors: tuple[str, ...],
-    n: int | None,
-    until: float | None,
-    tool: str | None,
-    earlier: Measurements | None,
-    cells: _Cells | None,
-    candidates: int,
-    reference: str | None,
-    seed: int,
-) -> PosePlan:
+def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: _Cells | None, acceptance_deg: float | None) -> PosePlan:
+    from urdfcal.base.geometry import DEG
     from urdfcal.planning.plan import plan_poses
+    from urdfcal.sensors.sensor import Sight
 
     return plan_poses(
         arm,
-        candidates=candidates,
-        n=min(candidates, _MOST) if until is not None else n or 30,
-        until_mm=until,
-        tool=tool,
-        sensors=sensors,
-        have=earlier,
+        sensors=asked.sensors,
+        reference=asked.reference,
+        camera=asked.camera,
+        boards=asked.boards,
+        stations=asked.stations,
+        screen_size=asked.area.size if asked.area else None,
+        sight=Sight(opening=None if acceptance_deg is None else acceptance_deg * DEG),
         allowed=cells.free if cells is not None else None,
-        reference=reference,
-        seed=seed,
+        hidden=cells.hidden if cells is not None else None,
+        **wanted,
     )
 
 

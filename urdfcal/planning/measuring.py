@@ -137,21 +137,17 @@ def measuring(robot: Robot, asked: Asked, options: ModelOptions, rng: np.random.
         UsageError: no such sensor, link or instrument, sensors that touch, pixels without a camera, or one that sees nothing.
         RigError: a link is not there, or not where it can be.
     """
-    sensors, lasers = _parsed(robot, asked)
-    blank = tuple(blank_readings(kind, own.target, own.link, 0, inst) for own, inst in sensors for kind in SENSOR_KINDS[own.kind])
-    seen = robot
-    if sensors:
-        instruments = instruments_of(blank, asked.reference, boards=asked.boards, stations=asked.stations.links)
-        seen = robot.seen_by(instruments, robot.lasers if lasers else ())
-        seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
+    sensors, _ = _parsed(robot, asked)
+    blank = _blank(sensors)
+    seen = seen_with(robot, asked)
     _require_cameras(sensors, asked)
     errors = build_error_model(seen.chain, seen.rig, options)
     area = asked.area or screen_area(seen)
     plain = tuple(own for own, _ in sensors if not own.by_camera)
     drawn = simulated_setup(seen, errors, errors.mean, plain, rng, area=area).errors
     every = list(zip(_names(seen), seen.rig.instruments.every, strict=True))
-    stands = {number: _stands(name, own.link, asked) for number, (name, own) in enumerate(every) if sensors}
-    slots = [_placed(slot, stands, asked.boards) for slot in drawn.slots]
+    stands = {number: options.reference_known or _stands(name, own.link, asked) for number, (name, own) in enumerate(every) if sensors}
+    slots = [_placed(slot, stands, asked.boards, options.target_known) for slot in drawn.slots]
     made = Measuring(
         seen,
         replace(drawn, slots=tuple(slots)),
@@ -163,6 +159,26 @@ def measuring(robot: Robot, asked: Asked, options: ModelOptions, rng: np.random.
         (),
     )
     return _with_cameras(made, {number for number, known in stands.items() if not known}, rng)
+
+
+def seen_with(robot: Robot, asked: Asked) -> Robot:
+    """The robot as what is asked for sees it.
+
+    Raises:
+        UsageError: no such sensor, link or instrument, or sensors that touch.
+        RigError: a link is not there, or not where it can be.
+    """
+    sensors, lasers = _parsed(robot, asked)
+    seen = robot
+    if sensors:
+        instruments = instruments_of(_blank(sensors), asked.reference, boards=asked.boards, stations=asked.stations.links)
+        seen = robot.seen_by(instruments, robot.lasers if lasers else ())
+    seen.chain  # noqa: B018  # refuse links that no chain leads to now, and not halfway
+    return seen
+
+
+def _blank(sensors: Sequence[tuple[SimulatedSensor, str]]) -> tuple[Readings, ...]:
+    return tuple(blank_readings(kind, own.target, own.link, 0, by) for own, by in sensors for kind in SENSOR_KINDS[own.kind])
 
 
 def _parsed(robot: Robot, asked: Asked) -> tuple[tuple[tuple[SimulatedSensor, str], ...], bool]:
@@ -210,9 +226,9 @@ def _stands(name: str, link: str, asked: Asked) -> bool:
     return link in {TRACKER, name or asked.reference, asked.stations.links.get(name, "")} - {""}
 
 
-def _placed(slot: Any, stands: Mapping[int, bool], boards: Mapping[str, Grid]) -> Any:
+def _placed(slot: Any, stands: Mapping[int, bool], boards: Mapping[str, Grid], targets_known: bool) -> Any:
     """A slot as it is known: instruments on their links, boards as their links."""
-    known = (slot.kind == "reference" and stands[slot.frame]) or (slot.kind == "target" and slot.label in boards)
+    known = (slot.kind == "reference" and stands[slot.frame]) or (slot.kind == "target" and (targets_known or slot.label in boards))
     return replace(slot, found={}) if known else slot
 
 

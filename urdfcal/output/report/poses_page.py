@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,6 @@ def poses_page(
     plan: PosePlan,
     tour: Tour,
     test: int,
-    reasons: Mapping[str, int],
     said: Sequence[str],
     files: Iterable[tuple[str, Path | None]],
     made_of: str,
@@ -37,7 +36,6 @@ def poses_page(
         plan: The poses.
         tour: Their order.
         test: Every so many-th is to test on.
-        reasons: How many positions were looked at for each thing that came of it: `free`, and why others are not.
         said: Warnings.
         files: What the page is made of: a word and the file.
         made_of: Their hash.
@@ -48,7 +46,7 @@ def poses_page(
         f"{many(len(plan), 'pose')} in an order to drive" if not tour.blocked else f"{many(len(tour.blocked), 'leg')} not to be driven"
     )
     opening = Opening("warn" if tour.blocked or said else "good", summary, headline, (), _figures(plan), "")
-    sections = (_accuracy(plan), _open(plan), *_looked(reasons, said), _joints(plan), _poses(plan, tour, test), made_of_section(files))
+    sections = (_accuracy(plan), _open(plan), *_looked(plan, said), _joints(plan), _poses(plan, tour, test), made_of_section(files))
     subtitle = f"{plan.robot.name}: {many(len(plan), 'pose')} for {plan.tool}"
     return plain_page(PlainReport("Poses to measure", subtitle, opening, sections), _pictures(plan, tour, test), made_of)
 
@@ -76,11 +74,12 @@ def _open(plan: PosePlan) -> Section:
     return Section("undetermined", "What stays undetermined", (text, Points((listed,))))
 
 
-def _looked(reasons: Mapping[str, int], said: Sequence[str]) -> tuple[Section, ...]:
+def _looked(plan: PosePlan, said: Sequence[str]) -> tuple[Section, ...]:
     blocks: list[Block] = []
-    total = sum(reasons.values())
+    total = plan.looked
     if total:
-        rows = tuple((what, str(count), f"{100 * count / total:.0f} %") for what, count in reasons.items())
+        counts = {"can be measured": total - sum(plan.reasons.values()), **plan.reasons}
+        rows = tuple((what, str(count), f"{100 * count / total:.0f} %") for what, count in counts.items())
         blocks.append(Table(("positions that", "count", "share"), rows, words=1))
     if said:
         blocks.append(Points(tuple(said)))
