@@ -81,7 +81,7 @@ def test_all_targets_out_of_reach_are_named_by_their_lines(ur5: Way, tmp_path: P
     path, near = tmp_path / "t.csv", np.array([0, -1.5, 1.5, 0, 1.5, 0])
     for head, behind in (("", ""), (f",{','.join(ur5.names)}", ",0,-1.5,1.5,0,1.5,0")):
         path.write_text(f"x,y,z,qx,qy,qz,qw{head}\n" + "\n".join(f"{row},0,1,0,0{behind}" for row in rows))
-        with pytest.raises(InputError, match=r"t.csv:3: the nominal robot does not reach this target: .* left over, nor that on line 5;"):
+        with pytest.raises(InputError, match=r"t.csv:3: the nominal robot does not reach this target: .*, nor that on line 5;"):
             corrected(read_targets(path, ur5), ur5, ur5.placements, near)
 
 
