@@ -76,7 +76,7 @@ def test_an_axis_that_is_counted_from_the_horizontal(ur5: Way, tmp_path: Path, r
 
 
 def test_all_targets_out_of_reach_are_named_by_their_lines(ur5: Way, tmp_path: Path) -> None:
-    """The first with what is left over, and the lines of others; whether their configuration is that of the row before, or stands beside."""
+    """The first with what is left over, and the lines of others; whether their configuration stands beside or is that before."""
     rows = ["0.4,-0.2,0.3", "2.4,-0.2,0.3", "0.4,-0.2,0.35", "3.4,-0.2,0.3"]
     path, near = tmp_path / "t.csv", np.array([0, -1.5, 1.5, 0, 1.5, 0])
     for head, behind in (("", ""), (f",{','.join(ur5.names)}", ",0,-1.5,1.5,0,1.5,0")):
