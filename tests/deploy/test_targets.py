@@ -75,6 +75,16 @@ def test_an_axis_that_is_counted_from_the_horizontal(ur5: Way, tmp_path: Path, r
         with_coupled_axes(read_targets(path, ur5), 6, float("nan"))
 
 
+def test_all_targets_out_of_reach_are_named_by_their_lines(ur5: Way, tmp_path: Path) -> None:
+    """The first with what is left over, and the lines of others; whether their configuration stands beside or is that before."""
+    rows = ["0.4,-0.2,0.3", "2.4,-0.2,0.3", "0.4,-0.2,0.35", "3.4,-0.2,0.3"]
+    path, near = tmp_path / "t.csv", np.array([0, -1.5, 1.5, 0, 1.5, 0])
+    for head, behind in (("", ""), (f",{','.join(ur5.names)}", ",0,-1.5,1.5,0,1.5,0")):
+        path.write_text(f"x,y,z,qx,qy,qz,qw{head}\n" + "\n".join(f"{row},0,1,0,0{behind}" for row in rows))
+        with pytest.raises(InputError, match=r"t.csv:3: the nominal robot does not reach this target: .*, nor that on line 5;"):
+            corrected(read_targets(path, ur5), ur5, ur5.placements, near)
+
+
 def test_decimal_commas_stay_commas(ur5: Way, tmp_path: Path) -> None:
     """A table with `;` and decimal commas gets decimal commas, in cells without one, too; one with points keeps points."""
     names = ";".join(f"{name} [deg]" for name in ur5.names)

@@ -22,6 +22,7 @@ _NEXT = 10 * DEG  # [rad], [m] by which the positions of one placement are near 
 _LEAST, _MOST = 8, 128  # placements that are sought at once
 _MOST_TIMES = 2.0  # how many times
 _COUPLED = 3  # joints that an arm has at least whose third axis is counted with the second
+_LINES = 10  # that a message names
 _EXPONENT = re.compile(r"[eE]")
 
 
@@ -238,10 +239,12 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
     own = [file.targets[row].near for row in rows]
     if all(each is not None for each in own):
         reached = solved(way, wanted, np.array(own))
-        for index, row in enumerate(rows):
-            _require_reached(file, file.targets[row], reached, index)
+        _require_none(
+            file, [(file.targets[row], why) for index, row in enumerate(rows) if (why := _why_not(file.targets[row], reached, index))]
+        )
         return reached.q
     found: list[Vector] = []
+    missed: list[tuple[Target, str]] = []
     size = _LEAST
     while len(found) < len(rows):
         first = len(found)
@@ -252,9 +255,11 @@ def _nominal(file: TargetFile, way: Way, rows: Sequence[int], wanted: Array3, ne
         size = min(_MOST, 2 * size) if len(more) == len(block) else max(_LEAST, len(more))
         if not more:
             reached = solved(way, wanted[first][None], begin[None], target.fits)
-            _require_reached(file, target, reached, 0)
-            more = [reached.q[0]]
+            why = _why_not(target, reached, 0)
+            missed += [(target, why)] if why else []
+            more = [begin if why else reached.q[0]]
         found += more
+    _require_none(file, missed)
     return np.array(found)
 
 
@@ -305,16 +310,31 @@ def _chained(way: Way, targets: Sequence[Target], wanted: Array3, begin: Vector)
     return found
 
 
-def _require_reached(file: TargetFile, target: Target, reached: Reached, index: int) -> None:
-    named = target.fits is not None and bool(reached.whole[index]) and not target.fits(reached.q[index][None])[0]
-    if reached.whole[index] and not named:
+def _why_not(target: Target, reached: Reached, index: int) -> str:
+    """What keeps the nominal robot from a target; the empty string where nothing does."""
+    if not reached.whole[index]:
+        return f": {reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left over"
+    named = target.fits is not None and not target.fits(reached.q[index][None])[0]
+    return " in the configuration that is named" if named else ""
+
+
+def _require_none(file: TargetFile, missed: Sequence[tuple[Target, str]]) -> None:
+    """Refuse targets that the nominal robot does not reach.
+
+    Raises:
+        InputError: names the first of them, and the lines of others.
+    """
+    if not missed:
         return
-    left = f"{reached.left_mm[index]:.3f} mm and {reached.left_deg[index]:.4f} deg are left over"
+    (first, why), *others = missed
+    lines = [str(target.line) for target, _ in others]
+    named = f"{', '.join(lines[:_LINES])}{' ...' if len(lines) > _LINES else ''}"
+    more = "" if not lines else f", nor that on line {named}" if len(lines) == 1 else f", nor those on lines {named}"
     raise InputError(
-        f"the nominal robot does not reach this target{' in the configuration that is named' if named else f': {left}'}; "
-        "see whether base, tool and the frames of the file are those of the controller",
+        f"the nominal robot does not reach this target{why}{more}; see whether base, tool and the frames of the file are those of the "
+        "controller",
         file.path,
-        target.line,
+        first.line,
     )
 
 
