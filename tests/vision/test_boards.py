@@ -140,6 +140,8 @@ def test_a_grid_of_circles_turned_round_keeps_its_first(rng: np.random.Generator
         seen = found("circles:4x11:20mm", rendered(CAMERA, [(sought, T)], rng, rays=2))
         assert isinstance(seen, BoardSeen), seen
         assert np.abs(seen.pixels - true_pixels(CAMERA, sought, T)[seen.corners]).max() < 0.2
+    texture = cv2.GaussianBlur(rng.integers(0, 255, (480, 640)).astype(np.uint8), (0, 0), 2)  # hundreds of spots: given up at once
+    assert "no asymmetric grid of 4 x 11 circles found" in str(found("circles:4x11:20mm", cv2.equalizeHist(texture)))
     assert [looks_the_same_turned(parse_board(f"circles:4x{rows}:20mm").board) for rows in (10, 11)] == [True, False]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import wrap
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from urdfcal.vision.camera.sought import Sought
 from urdfcal.vision.pictures import Grey
 
 _FOUND, _FAILED = (60, 255, 60), (0, 200, 255)
+_LETTER_PX = 8
 _SHIFT = 4  # bits behind the point of OpenCV's coordinates
 
 
@@ -25,10 +27,17 @@ def drawn_boards(picture: Grey, boards: Sequence[Sought], seen: Sequence[BoardSe
             text, colour = f"{sought.link}: {len(view.corners)} corners, RMS {view.rms:.2f} px", _FOUND
         else:
             text, colour = f"{sought.link}: {view}", _FAILED
-        lines += 1
-        cv2.putText(image, text, (6, 16 * lines), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (0, 0, 0), 3, cv2.LINE_AA)
-        cv2.putText(image, text, (6, 16 * lines), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
+        for part in wrap(text, max(20, image.shape[1] // _LETTER_PX)):
+            lines += 1
+            _write(image, part, lines, colour)
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1])
+
+
+def _write(image: np.ndarray, text: str, line: int, colour: tuple[int, int, int]) -> None:
+    """A line of words on black; an outline of thicker letters would be wider than they are."""
+    (width, height), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.42, 1)
+    cv2.rectangle(image, (4, 16 * line - height - 3), (width + 8, 16 * line + 4), (0, 0, 0), cv2.FILLED)
+    cv2.putText(image, text, (6, 16 * line), cv2.FONT_HERSHEY_SIMPLEX, 0.42, colour, 1, cv2.LINE_AA)
 
 
 def _draw(image: np.ndarray, view: BoardSeen) -> None:

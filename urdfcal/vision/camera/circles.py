@@ -36,7 +36,8 @@ _LEAST_CONTRAST = 10.0  # of 255
 LEAST_CIRCLES = 6
 _HALF_WAY = np.sqrt(0.5)  # to the next circle, of the step
 _RIM, _CORE, _BLUR_PX = 0.85, 0.25, 3.0  # of the window's radius; how far from a circle's edge white is white
-_SIZES, _TRIES = 3.0, 8  # largest circle over the smallest in one picture; sizes that are tried
+_SIZES, _TRIES = 3.0, 4  # largest circle over the smallest in one picture; sizes that are tried
+_MOST_SPOTS = 2  # for each circle
 _DOT_PX, _SHIFT = 2.6, 4
 _LEAST_PIXELS = 6  # of a window's rim
 _ROUNDS, _STILL_PX = 5, 0.002
@@ -158,15 +159,23 @@ def _blobs(picture: Grey) -> cv2.SimpleBlobDetector.Params:
     wanted = cv2.SimpleBlobDetector.Params()
     wanted.minArea, wanted.maxArea = _LEAST_AREA_PX, _MOST_AREA * picture.size
     wanted.minDistBetweenBlobs, wanted.minConvexity = 3.0, 0.85
+    wanted.filterByCircularity, wanted.minCircularity = True, 0.5
     return wanted
 
 
 def _alike(spots: Sequence[cv2.KeyPoint], count: int) -> list[list[cv2.KeyPoint]]:
-    """Spots whose sizes a grid of so many circles can have in one picture, the largest first: letters are not among circles."""
+    """Spots whose sizes a grid of so many circles can have in one picture, the largest first: letters are not among circles.
+
+    Sets of many more spots than circles are left out: no grid is told from a texture, and OpenCV takes minutes for some hundreds.
+    """
     spots = sorted(spots, key=lambda spot: -spot.size)
     sizes = np.array([spot.size for spot in spots])
     ends = np.searchsorted(-sizes, -sizes / _SIZES, side="right")
-    first = [start for start in range(len(spots)) if ends[start] - start >= count and (start == 0 or ends[start] > ends[start - 1])]
+    first = [
+        start
+        for start in range(len(spots))
+        if count <= ends[start] - start <= _MOST_SPOTS * count and (start == 0 or ends[start] > ends[start - 1])
+    ]
     return [spots[start : ends[start]] for start in first[:_TRIES]]
 
 
