@@ -9,6 +9,7 @@ import numpy as np
 from urdfcal.base.geometry import MM
 from urdfcal.base.terminal import many
 from urdfcal.output.view.cameras import CAMERA
+from urdfcal.output.view.instruments import SHEET as INSTRUMENT_SHEET
 from urdfcal.output.view.key_frames import Rows
 from urdfcal.output.view.marks import CALIBRATED, ERROR, MEASURED, NOMINAL, PLANE
 from urdfcal.output.view.scene import MarkGroup, Scene
@@ -63,10 +64,27 @@ def layers(scene: Scene) -> list[Layer]:
     found.append(Layer(Swatch("triad"), f"frame{'s' if len(axes) > 1 else ''} of {', '.join(scene.frames)}", axes))
     if scene.camera is not None:
         found.append(Layer(Swatch("camera", css(CAMERA)), "camera, and how far it sees to the sides", (f"{scene.camera.frame}/camera",)))
+    found += _instrument_layers(scene)
     for frame, group in scene.groups.items():
         found += _screen_layers(scene, both) if frame == "screen" else _frame_layers(scene, group)
         found += _mark_layers(group, both)
         found += _axes_layers(group, len(scene.data) > 1)
+    return found
+
+
+def _instrument_layers(scene: Scene) -> list[Layer]:
+    """Each of several instruments: its frame, and what it is beside that."""
+    found = []
+    for own in scene.instruments:
+        where = f"frame of {own.name}" if own.name == own.link else f"frame of {own.name}, fixed to {own.link}"
+        if not own.with_marks:
+            found.append(Layer(Swatch("triad"), where, (f"{own.path}/axes",)))
+        if own.camera is not None:
+            sees = f"camera {own.name}, and how far it sees to the sides"
+            found.append(Layer(Swatch("camera", css(CAMERA)), sees, (f"{own.path}/camera",)))
+        if len(own.spots):
+            line = Swatch("line", css(INSTRUMENT_SHEET), width=1.4)
+            found.append(Layer(line, f"sheet of {own.name}, about its spots", (f"{own.path}/sheet",)))
     return found
 
 
@@ -101,10 +119,10 @@ def _screen_layers(scene: Scene, both: bool) -> list[Layer]:
 
 def _frame_layers(scene: Scene, group: MarkGroup) -> list[Layer]:
     """The measuring frame, and what targets are measured from and against."""
-    instruments = scene.solid.rig.instruments
-    name = f"frame of {instruments.name}" if instruments.name and instruments.name != instruments.reference else "measuring frame"
-    words = f"{name}, fixed to {instruments.reference}" if instruments.placed else f"frame of {instruments.reference}"
-    own = instruments.reference in scene.frames and not instruments.placed  # drawn with the robot's frames
+    instrument = scene.solid.rig.instruments.every[scene.placed[-1].drawn_frame]
+    name = f"frame of {instrument.name}" if instrument.name != instrument.link else "measuring frame"
+    words = f"{name}, fixed to {instrument.link}" if instrument.placed else f"frame of {instrument.link}"
+    own = instrument.link in scene.frames and not instrument.placed  # drawn with the robot's frames
     found = [] if own else [Layer(Swatch("triad"), words, tuple(f"frame/marks/frame_{axis}" for axis in "xyz"))]
     if any(mark.normals is not None for mark in group.marks):
         found.append(Layer(Swatch("robot", css(PLANE), opacity=0.6), "planes that were touched", ("frame/marks/planes",)))

@@ -44,6 +44,8 @@ def draw_motion(viewer: Any, scene: Scene, shapes: Shapes, keys: KeyFrames, styl
             _move_beams(viewer, clips, f"screen/pose/{name}", scene, placed.beams(q), keys.times)
     if "frame" in scene.groups:
         place(viewer, clips, "frame", keys.times, frame_placements(scene.placed[-1], whole, keys.solid))
+    for own in scene.instruments:
+        place(viewer, clips, own.path, keys.times, frame_placements(scene.placed[-1], whole, keys.solid, own.frame))
     for frame, group in scene.groups.items():
         _move_marks(viewer, clips, group, styles[frame], keys)
     return clips

@@ -13,6 +13,7 @@ from urdfcal.base.geometry import DEG, SE3, Mask, Matrix, Vector
 from urdfcal.output.templates import filled_template
 from urdfcal.output.view.cameras import draw_camera
 from urdfcal.output.view.drawn_shapes import draw_shapes
+from urdfcal.output.view.instruments import draw_instruments
 from urdfcal.output.view.key_frames import KeyFrames, Rows, SetClips, key_frames
 from urdfcal.output.view.legend import panel_of, pose_entries
 from urdfcal.output.view.marks import NOMINAL, FlatStyle, RoundStyle, Style, draw_frame, draw_marks, draw_pose_marks, draw_triad, frame_axes
@@ -76,7 +77,11 @@ def _drawn(scene: Scene, shapes: Shapes, keys: KeyFrames) -> Recorder:
     for number in range(len(scene.frames)):
         draw_triad([tab[f"frames/{number}/{axis}"] for axis in "xyz"], length, 0.06 * length, seen_through)
     if scene.camera is not None:
-        draw_camera(tab[f"{scene.camera.frame}/camera"], scene.camera, _camera_depth(scene, length))
+        draw_camera(tab[f"{scene.camera.frame}/camera"], scene.camera, _camera_depth(scene, length, scene.camera.frame))
+    if scene.instruments:
+        draw_instruments(tab, scene.instruments, 1.5 * _camera_depth(scene, length, "frame"))
+    for seen in (own for own in scene.instruments if not own.with_marks):
+        draw_triad([tab[f"{seen.path}/axes/{axis}"] for axis in "xyz"], 1.5 * length, 0.09 * length, seen_through)
     clips = draw_motion(tab, scene, shapes, keys, styles)
     if len(keys.rows) > 1:
         recorder.send(SetClips(clips))
@@ -88,9 +93,9 @@ def _axes_length(corners: Matrix) -> float:
     return _FRAME * float(np.ptp(corners, axis=0).max())
 
 
-def _camera_depth(scene: Scene, length: float) -> float:
+def _camera_depth(scene: Scene, length: float, frame: Frame) -> float:
     """How deep the pyramid of a camera is drawn, [m]: as long as a frame's axes, and not beyond what it looks at."""
-    return min(1.5 * length, 0.5 * scene.groups[scene.camera.frame].size) if scene.camera is not None else length
+    return min(1.5 * length, 0.5 * scene.groups[frame].size)
 
 
 def _draw_screen(node: Any, scene: Scene) -> None:
@@ -127,9 +132,9 @@ def _sight(scene: Scene, shapes: Shapes, q: Matrix) -> dict[str, Any]:
 
 
 def _camera_in_root(scene: Scene, whole: Matrix, q: Vector) -> list[Matrix]:
-    """Where the camera stands in the first pose, if there is one."""
+    """Where cameras and other instruments stand in the first pose, if there are any."""
     if scene.camera is None:
-        return []
+        return [frame_placements(scene.placed[-1], whole, q[None], own.frame)[0].translation[None] for own in scene.instruments]
     there = screen_placements(scene.solid, whole) if scene.camera.frame == "screen" else frame_placements(scene.placed[-1], whole, q[None])
     return [(there[0] * scene.camera.T_frame_camera).translation[None]]
 

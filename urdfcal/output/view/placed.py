@@ -106,12 +106,18 @@ class Placed:
         arm = ArmKinematics(self.errors.chain)
         return motion_at(arm, placed, arm.chain_positions(q)).frames
 
-    def _in_first(self, mark: Mark, channel: Channel) -> Mark:
-        """A mark in the frame of the first instrument, in which all are drawn, wherever that of its own is at each pose."""
-        first = self.errors.chain.measuring_frame
-        if channel.frame in (None, first):
+    @cached_property
+    def drawn_frame(self) -> int:
+        """Which of the chain's frames marks are drawn in: of several instruments the first that stands still, so that they do, too."""
+        tree, every = self.robot.tree, self.robot.rig.instruments.every
+        still = [index for index, own in enumerate(every) if own.link and tree.moving_link(own.link) == tree.moving_link(tree.root)]
+        return still[0] if still else self.errors.chain.measuring_frame
+
+    def _as_drawn(self, mark: Mark, channel: Channel) -> Mark:
+        """A mark in the frame in which all are drawn, wherever that of its own is at each pose."""
+        if channel.frame in (None, self.drawn_frame):
             return mark
-        here, there = self._frames[first], self._frames[channel.frame]
+        here, there = self._frames[self.drawn_frame], self._frames[channel.frame]
         R = here[:, :, :3].transpose(0, 2, 1) @ there[:, :, :3]
         p = np.einsum("nji,nj->ni", here[:, :, :3], there[:, :, 3] - here[:, :, 3])
 
@@ -141,7 +147,7 @@ class Placed:
         problem = Problem(self.errors, self.data)
         with np.errstate(divide="ignore", invalid="ignore"):  # beams along the screen
             marks = [_mark(channel, view) for channel, view in zip(problem.channels, problem.views(self.x), strict=True)]
-            marks = [self._in_first(mark, channel) for mark, channel in zip(marks, problem.channels, strict=True)]
+            marks = [self._as_drawn(mark, channel) for mark, channel in zip(marks, problem.channels, strict=True)]
         return _at_their_targets(marks)
 
     @cached_property
@@ -186,9 +192,9 @@ def link_placements(robot: Robot, link: str, whole: Matrix) -> list[SE3]:
     return found
 
 
-def frame_placements(placed: Placed, whole: Matrix, q: Matrix) -> list[SE3]:
-    """T_root_frame of the measuring frame at configurations (n, model.nq), which joint positions (n, inputs) lead to."""
-    frames = placed.frames(q)[placed.errors.chain.measuring_frame]
+def frame_placements(placed: Placed, whole: Matrix, q: Matrix, frame: int | None = None) -> list[SE3]:
+    """T_root_frame of the frame that marks are drawn in, or another, at configurations (n, model.nq) of joint positions (n, inputs)."""
+    frames = placed.frames(q)[placed.drawn_frame if frame is None else frame]
     there = screen_placements(placed.robot, whole)
     return [T_root_screen * pin.SE3(own[:, :3], own[:, 3]) for T_root_screen, own in zip(there, frames, strict=True)]
 

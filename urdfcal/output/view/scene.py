@@ -17,6 +17,7 @@ import pinocchio as pin
 from urdfcal.base.geometry import Mask, Matrix, Vector
 from urdfcal.model.options import ModelOptions
 from urdfcal.output.view.cameras import SeenCamera
+from urdfcal.output.view.instruments import SeenInstrument, seen_instruments
 from urdfcal.output.view.placed import Mark, Placed, placed_robot
 from urdfcal.output.view.screen import Sheet, sheet_of
 from urdfcal.robot.robot import Robot
@@ -175,12 +176,17 @@ class Scene:
     def camera(self) -> SeenCamera | None:
         """The camera that readings were made with: it is the measuring frame, or knows where the screen is."""
         camera = self.data.camera
-        if camera is None:
+        if camera is None or self.instruments:
             return None
         if any(reading.kind.by_camera and not reading.kind.beam for reading in self.data.readings) and "frame" in self.groups:
             return SeenCamera(camera, "frame", pin.SE3.Identity())
         there = camera.T_camera_screen is not None and "screen" in self.groups
         return SeenCamera(camera, "screen", camera.T_camera_screen.inverse()) if there else None
+
+    @cached_property
+    def instruments(self) -> tuple[SeenInstrument, ...]:
+        """Everything that targets are seen from, where that is more than one."""
+        return seen_instruments(self.placed[-1], self.data)
 
     @cached_property
     def groups(self) -> dict[Frame, MarkGroup]:
