@@ -49,6 +49,9 @@ if TYPE_CHECKING:
 _TEST = 5  # every such pose is to test on
 _THROUGH = 300  # free positions that legs may go around by
 _MOST = 200  # poses that --until tries
+_PART = 100  # positions that are looked at for collisions before Ctrl-C is heard
+_SHORT = "interrupted: these are the best poses so far"
+_CUT = "interrupted: legs that were not looked at by then are among those without a way"
 _TRAJECTORY = (".yaml", ".yml")
 
 
@@ -117,6 +120,7 @@ def poses(
     verbose: Verbose = False,
 ) -> None:
     """Choose poses to measure: those that tell most of the tool, free of collisions, in a short order."""
+    from urdfcal.base.interrupts import until_interrupted
     from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.output.text.poses import plan_csv, plan_json, plan_lines, trajectory_yaml
 
@@ -137,12 +141,16 @@ def poses(
             require_marked(place, (made_of,), "result of urdfcal poses from the same files")
     page = page_place(report, f"{arm.description.stem}_poses.html", inputs.values(), made_of, overwrite, *places)
     earlier = measured(arm, have, None, reference)[1] if have else None
-    cells = _Cells(scene, srdf, clearance_mm, seed) if collisions else None
-    with Working("choosing poses", quiet):
-        plan = _plan(arm, tuple(sensor or ("laser",)), n, until, tool, earlier, cells, candidates, reference, seed)
+    count = min(candidates, _MOST) if until is not None else n or 30
+    cells = _Cells(scene, srdf, clearance_mm, seed, count) if collisions else None
+    with Working("choosing poses", quiet), until_interrupted() as short:
+        plan = _plan(arm, tuple(sensor or ("laser",)), count, until, tool, earlier, cells, candidates, reference, seed)
+    with Working("looking at the ways between them", quiet), until_interrupted() as cut:
         tour = _toured(plan, cells)
     say(verbose, about(plan.robot))
-    said = [*(cells.warnings if cells else ()), *_not_driven(tour)]
+    said = [_SHORT] if short() else []
+    said += [_CUT] if cut() else []
+    said += [*(cells.warnings if cells else ()), *_not_driven(tour)]
     if until is not None and plan.tool_sigma_mm[-1] > until:
         said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until:g} mm")
     warn(said, quiet)
@@ -156,6 +164,8 @@ def poses(
     deliver(files)
     lines = [*plan_lines(plan, tour), f"wrote {listed(told(files))}"]
     finish(plan_json(plan, tour, told(files)) if as_json else None, "\n".join(lines), quiet)
+    if short() or cut():
+        raise KeyboardInterrupt
 
 
 def _require_sense(n: int | None, until: float | None, scene: Path | None, srdf: Path | None) -> None:
@@ -175,8 +185,8 @@ def _require_sense(n: int | None, until: float | None, scene: Path | None, srdf:
 class _Cells:
     """The cell of a robot, made when it is first asked for."""
 
-    def __init__(self, scene: Path | None, srdf: Path | None, clearance_mm: float, seed: int) -> None:
-        self.scene, self.srdf, self.clearance_mm, self.seed = scene, srdf, clearance_mm, seed
+    def __init__(self, scene: Path | None, srdf: Path | None, clearance_mm: float, seed: int, needed: int) -> None:
+        self.scene, self.srdf, self.clearance_mm, self.seed, self.needed = scene, srdf, clearance_mm, seed, needed
         self.made: Cell | None = None
         self.known: list[Matrix] = []  # free positions
         self.looked = 0
@@ -193,12 +203,36 @@ class _Cells:
         first = self.made is None
         if self.made is None:
             self.made = cell_of(robot, scene=self.scene, srdf=self.srdf, clearance=self.clearance_mm * MM, seed=self.seed)
-        free = self.made.free(q)
+        free = self._parts_free(q)
         if first and not free.any():
             way = self.made.most_in_the_way(q)
             raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
         self.known.append(q[free])
         self.looked += len(q)
+        return free
+
+    def _parts_free(self, q: Matrix) -> Mask:
+        """The same part by part; what is left when Ctrl-C comes is taken for not free.
+
+        Raises:
+            KeyboardInterrupt: too few were free by then to choose from.
+        """
+        import numpy as np
+
+        from urdfcal.base.interrupts import enough
+        from urdfcal.base.progress import counted
+
+        assert self.made is not None
+        free, found = np.zeros(len(q), dtype=bool), sum(map(len, self.known))
+        with counted("position", len(q)) as advance:
+            for start in range(0, len(q), _PART):
+                free[start : start + _PART] = self.made.free(q[start : start + _PART])
+                for _ in range(min(_PART, len(q) - start)):
+                    advance()
+                if enough():
+                    break
+        if enough() and found + free.sum() < self.needed:
+            raise KeyboardInterrupt
         return free
 
     @property
@@ -216,7 +250,7 @@ class _Cells:
 def _plan(
     arm: Robot,
     sensors: tuple[str, ...],
-    n: int | None,
+    n: int,
     until: float | None,
     tool: str | None,
     earlier: Measurements | None,
@@ -230,7 +264,7 @@ def _plan(
     return plan_poses(
         arm,
         candidates=candidates,
-        n=min(candidates, _MOST) if until is not None else n or 30,
+        n=n,
         until_mm=until,
         tool=tool,
         sensors=sensors,

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.interrupts import enough
 from urdfcal.calibration.analysis.more_poses import covariance
 from urdfcal.estimation.gains import gains
 
@@ -69,6 +70,8 @@ def exchanged(
     for _ in range(_PASSES):
         swapped = False
         for place in range(len(chosen)):
+            if enough():
+                break
             others = np.delete(chosen, place)
             gain = gains(H, covariance(before + information(H[others]), sigma), M)
             gain[others] = -np.inf
