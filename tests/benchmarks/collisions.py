@@ -1,6 +1,6 @@
 """Verdicts on collisions, and legs of a tour, against a second witness: FCL on the meshes as they are, placed link by link.
 
-    python3 -m venv fcl_venv && fcl_venv/bin/pip install trimesh python-fcl pin
+    python3 -m venv fcl_venv && fcl_venv/bin/pip install trimesh python-fcl pycollada pin
     python -m tests.benchmarks.collisions fcl_venv/bin/python [--states 10000] [--poses 12]
 
 The witness reads the URDF's <collision> elements by itself, loads meshes with trimesh and asks FCL, an older library than coal; it is told
@@ -33,7 +33,7 @@ FILES = {
 def main() -> None:
     """Parse the command line and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("python", type=Path, help="interpreter of an environment with trimesh, python-fcl and pin")
+    parser.add_argument("python", type=Path, help="interpreter of an environment with trimesh, python-fcl, pycollada and pin")
     parser.add_argument("--states", type=int, default=10_000)
     parser.add_argument("--poses", type=int, default=8, help="of the tour")
     parser.add_argument("--only", choices=FILES)
