@@ -1,6 +1,6 @@
 """Poses chosen by `plan_poses` against random ones of the same pool: how far off the tool is after a fit of them, and is predicted to be.
 
-    python -m tests.benchmarks.planned [--data DIR] [--robots 20] [--only ROBOT SENSOR] [--figaroh PYTHON]
+    python -m tests.benchmarks.planned [--data DIR] [--robots 20] [--only ROBOT SENSOR]
 
 The pool: 1500 random poses without collisions (with every beam on the screen). Truths: *Gaussian*, 1 mm and 2 mrad in the parameters of
 `auto`; *factory*, what a maker wrote for the joint frames of 15 UR arms (ur_factory in DIR), six numbers a joint; for arms with more
@@ -8,9 +8,6 @@ joints frames are drawn from all of them. Mount and screen are 5 mm and 0.5 deg 
 with the default priors. What is given is the tool's position error relative to the base link, RMS over 100 configurations, median over the
 robots, in mm: as it is, and with the best constant placements of base and tool taken out, which no reading tells apart. (How well points
 tell the tool depends on where their target sits on its link, which the prediction knows for one draw of it; hence medians.)
-
-With `--figaroh`, the interpreter of an environment that holds figaroh 1.0.2, its own selection (SOCP) from the same pool and of the same
-number stands beside.
 """
 
 from __future__ import annotations
@@ -104,7 +101,7 @@ def _cross(p: np.ndarray) -> np.ndarray:
     return np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])
 
 
-def study(name: str, sensor: str, robots: int, arms: list[np.ndarray], figaroh: Path | None) -> None:
+def study(name: str, sensor: str, robots: int, arms: list[np.ndarray]) -> None:
     """Print the rows of one robot with one sensor."""
     robot = urdfcal.load_robot(ROOT / "robots" / name / f"{name}.urdf.xacro")
     found: list[Matrix] = []
@@ -118,12 +115,6 @@ def study(name: str, sensor: str, robots: int, arms: list[np.ndarray], figaroh: 
         if n in PLANNED:
             sets[f"planned {n}"] = plan.q, n, float(plan.tool_sigma_mm[-1])
         sets[f"random {n}"] = None, n, plan.at_random_mm
-    if figaroh is not None:
-        from tests.benchmarks.figaroh_selection import selected
-
-        for n in PLANNED:
-            q = pool[selected(figaroh, planned(n=2).robot, planned(n=2).tool, pool, n)]
-            sets[f"figaroh {n}"] = q, n, float(plan_poses(robot, candidates=q, n=n, sensors=[sensor], sigmas=sigmas).tool_sigma_mm[-1])
     tool = plan.tool
     workspace = random_positions(plan.robot, 100, np.random.default_rng(7))
     for what, (q, n, predicted) in sets.items():
@@ -160,14 +151,13 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=20, help="how many robots a row (default 20)")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     parser.add_argument("--only", nargs=2, metavar=("ROBOT", "SENSOR"), help="one robot with `laser` or `point`")
-    parser.add_argument("--figaroh", type=Path, metavar="PYTHON", help="interpreter of an environment that figaroh is installed in")
     arguments = parser.parse_args()
     arms = factory_truths(arguments.data) if (arguments.data / "ur_factory").is_dir() else []
     print("| robot | sensor | poses | predicted | Gaussian | up to a constant | factory | up to a constant |\n|" + "---|" * 8, flush=True)
     for name, point in ARMS.items():
         for sensor in ("laser", point):
             if arguments.only is None or tuple(arguments.only) == (name, sensor.partition(":")[0]):
-                study(name, sensor, arguments.robots, arms, arguments.figaroh)
+                study(name, sensor, arguments.robots, arms)
 
 
 if __name__ == "__main__":

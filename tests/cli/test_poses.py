@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import os
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from tests.conftest import CliResult
 from tests.support.paths import ROBOTS_DIR
 from tests.support.small_robot import URDF
 from urdfcal.cell.collisions import cell_of
+from urdfcal.cell.ways import Ways
 from urdfcal.robot.robot import load_robot
 
 Run = Callable[..., CliResult]
@@ -73,6 +76,25 @@ def test_chosen_poses_tell_more_than_random_ones(run_cli: Run) -> None:
     assert (np.diff(sigma) < 0).all()
     assert sigma[-1] < 0.9 * told["at_random_mm"]
     assert Path("p.csv").read_text().count(",test,") == 1
+
+
+def test_ctrl_c_gives_the_best_so_far(run_cli: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupted while ways are looked at, the poses are written all the same, what was not looked at is said, and the code is 130."""
+    looked, way = [], Ways.free_until
+
+    def interrupted(ways: Ways, a: np.ndarray, b: np.ndarray) -> float:
+        looked.append(1)
+        if len(looked) == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+        return way(ways, a, b)
+
+    monkeypatch.setattr(Ways, "free_until", interrupted)
+    done = run_cli("poses", PANDA, "-o", "p.csv", "--sensor", "point:panda_link8", *FEW)
+    assert done.code == 130
+    assert "interrupted: legs that were not looked at" in done.err
+    assert "no free way was found from pose 3 to 4" in done.err
+    assert len(positions(Path("p.csv"))) == 8
+    assert len(looked) == 2
 
 
 def test_a_robot_without_a_rig_is_planned_for(run_cli: Run, tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def looked(free: Callable[[Matrix], Mask]) -> Reach:
 
     def reach(a: Vector, b: Vector) -> float:
         good = free(a + np.linspace(0, 1, 1000)[:, None] * (b - a))
-        return 1.0 if good.all() else float(int(np.argmin(good)) - 1) / 999
+        return 1.0 if bool(good.all()) else float(int(np.argmin(good)) - 1) / 999
 
     return reach
 

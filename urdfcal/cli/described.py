@@ -10,7 +10,8 @@ CODES = """\
 urdfcal COMMAND --help tells of each, with an example.
 
 Exit codes: 0 done; 2 bad input or usage, nothing written; 3 no calibration to
-be trusted; 70 an error of ours; 130 interrupted (Ctrl-C), nothing written."""
+be trusted; 70 an error of ours; 130 interrupted (Ctrl-C), nothing written,
+or the best so far where it says so."""
 
 
 class Described(NamedTuple):

@@ -67,6 +67,9 @@ if TYPE_CHECKING:
 _TEST = 5  # every such pose is to test on
 _THROUGH = 300  # free positions that legs may go around by
 _MOST = 200  # poses that --until tries
+_PART = 100  # positions that are looked at for collisions before Ctrl-C is heard
+_SHORT = "interrupted: these are the best poses so far"
+_CUT = "interrupted: legs that were not looked at by then are among those without a way"
 _CHECK = (6, 10)  # poses that tell a later change
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(mm|m|um)")
 _SIZES = {"m": 1e3, "mm": 1.0, "um": 1e-3}  # [mm]
@@ -214,6 +217,7 @@ def poses(
     verbose: Verbose = False,
 ) -> None:
     """Choose poses to measure: those that tell most of the tool, free of collisions and seen, in a short order."""
+    from urdfcal.base.interrupts import until_interrupted
     from urdfcal.output.drives import FORMS, drive_of
     from urdfcal.output.replaced import inputs_sha256, require_marked
     from urdfcal.output.text.poses import plan_csv, plan_json, plan_lines
@@ -262,11 +266,14 @@ def poses(
         "have": earlier,
         "seed": seed,
     }
-    with Working("choosing poses", quiet):
+    with Working("choosing poses", quiet), until_interrupted() as short:
         plan = _plan(arm, asked, wanted, cells, acceptance_deg)
+    with Working("looking at the ways between them", quiet), until_interrupted() as cut:
         tour = _toured(plan, cells)
     say(verbose, about(plan.robot))
-    said = [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour)]
+    said = [_SHORT] if short() else []
+    said += [_CUT] if cut() else []
+    said += [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour)]
     if until_mm is not None and plan.tool_sigma_mm[-1] > until_mm:
         said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until_mm:g} mm")
     warn(said, quiet)
@@ -280,6 +287,8 @@ def poses(
     deliver(files)
     lines = [*plan_lines(plan, tour), f"wrote {listed(told(files))}"]
     finish(plan_json(plan, tour, told(files)) if as_json else None, "\n".join(lines), quiet)
+    if short() or cut():
+        raise KeyboardInterrupt
 
 
 def _length_mm(option: str, text: str | None) -> float | None:
@@ -379,7 +388,7 @@ class _Cells:
         first = self.made is None
         if self.made is None:
             self.made = cell_of(robot, scene=self.scene, srdf=self.srdf, clearance=self.clearance_mm * MM, seed=self.seed)
-        free = self.made.free(q)
+        free = self._parts_free(q)
         if first and not free.any():
             way = self.made.most_in_the_way(q)
             raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
@@ -392,6 +401,24 @@ class _Cells:
 
         assert self.made is not None  # free was asked first
         return hidden(self.made, q, begin, end)
+
+    def _parts_free(self, q: Matrix) -> Mask:
+        """The same part by part; what is left when Ctrl-C comes is taken for not free."""
+        import numpy as np
+
+        from urdfcal.base.interrupts import enough
+        from urdfcal.base.progress import counted
+
+        assert self.made is not None
+        free = np.zeros(len(q), dtype=bool)
+        with counted("position", len(q)) as advance:
+            for start in range(0, len(q), _PART):
+                free[start : start + _PART] = self.made.free(q[start : start + _PART])
+                for _ in range(min(_PART, len(q) - start)):
+                    advance()
+                if enough():
+                    break
+        return free
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import Mask, Matrix
+from urdfcal.base.interrupts import enough
 from urdfcal.base.terminal import many
 from urdfcal.planning.sight import HIDDEN, Eyes, Hidden
 from urdfcal.robot.robot import Robot
@@ -86,7 +87,7 @@ def drawn(lookout: Lookout, limits: Matrix, count: int, rng: np.random.Generator
     reasons: Counter[str] = Counter()
     kept = looked = freely = 0
     batch = min(count, _BATCH)
-    while kept < count and looked < _MOST and freely < _MOST_LOOKS * count:
+    while kept < count and not enough() and looked < _MOST and freely < _MOST_LOOKS * count:
         q = rng.uniform(limits[0], limits[1], (batch, len(limits[0])))
         read, why = lookout.look(q)
         reasons.update(reason for reason in why.tolist() if reason)

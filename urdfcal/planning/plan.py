@@ -12,6 +12,7 @@ import numpy.typing as npt
 from urdfcal.base.errors import UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Mask, Matrix, Vector
+from urdfcal.base.interrupts import enough
 from urdfcal.base.notebook import Listing, card
 from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
@@ -193,6 +194,8 @@ def plan_poses(
     lookout = Lookout(made.robot, eyes, _beside(allowed, made.robot) if both_sides and allowed is not None else allowed, hidden)
     found = drawn(lookout, room, candidates, rng) if isinstance(candidates, int) else given(lookout, candidates)
     n = (CHECK if check else 30) if n is None else n
+    if enough() and len(found.q) < n:
+        raise KeyboardInterrupt  # before there was anything to choose from
     require_enough(found, n, not isinstance(candidates, int))
     tool = default_tool(made.robot) if tool is None else tool
     over = _uniform(_room(made.robot, limits, False), rng) if workspace is None else workspace

@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from urdfcal.base.geometry import Matrix, Vector
+from urdfcal.base.interrupts import enough
 
 Reach = Callable[[Vector, Vector], float]  # up to which share the straight line from one position to another is free
 
@@ -43,6 +44,8 @@ class Roads:
         """A free way from one station to another, (stations, inputs), both included; None where none was found."""
         pair = min(one, other), max(one, other)
         if pair not in self._found:
+            if enough():  # what was not looked at by now is not
+                return None
             rows = [*pair] if self._is_free(*pair) else self._along(*pair) or self._grown(*pair)
             self._found[pair] = self._shortened(rows) if rows else None
         found = self._found[pair]
@@ -61,7 +64,7 @@ class Roads:
     def _along(self, one: int, other: int) -> list[int] | None:
         """Stations of the shortest way whose lines are all free."""
         times = self._lines()
-        for _ in range(_LOOKS if self.looks < _MOST_LOOKS else 0):
+        for _ in range(_LOOKS if self.looks < _MOST_LOOKS and not enough() else 0):
             rows = _shortest(times, one, other)
             if rows is None:
                 return None
@@ -86,7 +89,7 @@ class Roads:
         """Stations of a way between two trees; None where they do not meet."""
         here, there = {one: -1}, {other: -1}
         for towards in np.random.default_rng(0).integers(0, len(self.q), _GROWN):
-            if self.looks >= _MOST_LOOKS:
+            if self.looks >= _MOST_LOOKS or enough():
                 return None
             station = self._extended(here, self.q[towards])
             if station is not None:

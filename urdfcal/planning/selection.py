@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.interrupts import enough
 from urdfcal.planning.criteria import Criterion, Rows
 
 _PASSES = 30  # of exchanges over all poses
@@ -61,6 +62,8 @@ def exchanged(H: Array3, criterion: Criterion, chosen: Rows, known: Matrix | Non
     for _ in range(_PASSES):
         swapped = False
         for place in range(len(chosen)):
+            if enough():
+                break
             others = np.delete(chosen, place)
             gain = criterion.gains(H, before + information(H[others]), others)
             gain[others] = -np.inf
