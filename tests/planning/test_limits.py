@@ -74,3 +74,24 @@ def test_a_table_without_units_is_refused(robot: Robot, tmp_path: Path) -> None:
     (tmp_path / "l.csv").write_text("joint,lower,upper,unit\nturn,-30,20,\n")
     with pytest.raises(InputError, match="found unit '', expected deg, rad, mm, m"):
         read_limits(tmp_path / "l.csv", robot)
+
+
+def test_broken_files_are_refused_in_one_line(robot: Robot, tmp_path: Path, rng: np.random.Generator) -> None:
+    """Of files with bytes exchanged, left out or put in each is read, or refused by an error that names it."""
+    good = {
+        "l.yaml": b"deg: {turn: [-30, 20]}\nmm: {slide: [10, 60]}\n",
+        "l.csv": b"joint,lower,upper,unit\nturn,-30,20,deg\nslide,10,60,mm\n",
+    }
+    refused: list[tuple[str, str]] = []
+    for name, content in good.items():
+        for _ in range(150):
+            at, put = int(rng.integers(len(content))), bytes(rng.integers(0, 256, int(rng.integers(0, 3)), dtype=np.uint8))
+            (tmp_path / name).write_bytes(content[:at] + put + content[at + int(rng.integers(0, 3)) :])
+            try:
+                found = read_limits(tmp_path / name, robot)
+            except InputError as error:
+                refused.append((name, str(error)))
+            else:
+                assert (found[1] > found[0]).all()
+    assert len(refused) > 50
+    assert all(name in said and "\n" not in said for name, said in refused)

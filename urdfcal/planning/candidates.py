@@ -21,7 +21,7 @@ COLLIDE, SPLIT = "collide", "are seen by no instrument as a whole"
 _LOOKED_FOR = ("", COLLIDE, HIDDEN, SPLIT)  # what is said of poses that took a look at all bodies
 _BATCH, _LEAST_BATCH = 4096, 64  # random positions drawn at a time
 _MOST = 500_000  # random positions, until the rest is given up
-_MOST_LOOKS = 5  # at what is in the way, of the number of candidates that are wanted
+_MOST_LOOKS = 10  # at what is in the way, of the number of candidates that are wanted
 _SPARE = 1.2  # more are drawn at a time than the share so far makes likely
 
 
@@ -94,7 +94,8 @@ def drawn(lookout: Lookout, limits: Matrix, count: int, rng: np.random.Generator
         good = np.flatnonzero(why == "")
         found.append((q[good], read[good]))
         kept, looked, freely = kept + len(good), looked + len(q), freely + int(np.isin(why, _LOOKED_FOR).sum())
-        batch = int(np.clip((count - kept) * _SPARE * looked / max(kept, 1), _LEAST_BATCH, _BATCH))
+        wanted, looks = (count - kept) * _SPARE * looked / max(kept, 1), (_MOST_LOOKS * count - freely) * looked / max(freely, 1)
+        batch = int(np.clip(min(wanted, looks), _LEAST_BATCH, _BATCH))
     q, read = (np.concatenate([part[index] for part in found])[:count] for index in (0, 1))
     return Candidates(q, np.arange(len(q)), read, looked, dict(reasons))
 
