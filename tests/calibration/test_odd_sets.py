@@ -193,7 +193,7 @@ def test_evaluate_takes_rig_files_of_more_than_was_measured(robots: dict[str, Ro
 
 
 WRONG_PRIORS = {
-    "no group named 'joints' among 10 groups; did you mean 'joint'": {"joints": PriorScale(1e-3, 1e-3)},
+    "no group named 'joints' among 11 groups; did you mean 'joint'": {"joints": PriorScale(1e-3, 1e-3)},
     "expected a PriorScale": {"joint": "1mm,1deg"},
 }
 
