@@ -3,10 +3,10 @@
     python3 -m venv fcl_venv && fcl_venv/bin/pip install trimesh python-fcl pycollada pin
     python -m tests.benchmarks.collisions fcl_venv/bin/python [--states 10000] [--poses 12]
 
-The witness reads the URDF's <collision> elements by itself, loads meshes with trimesh and asks FCL, an older library than coal; it is told
-which pairs of shapes are to be looked at, and nothing else. *Missed*: called free, and meshes touch. *Refused for nothing*: not called
-free, and no meshes touch, over all that are free. The clearance is 0 there; planned poses and legs keep 5 mm, and are looked at in steps
-in which no two links come nearer by more than 1 mm.
+The witness reads the URDF's <collision> elements (<visual> ones of links without) by itself, loads meshes with trimesh and asks FCL, an
+older library than coal; it is told which pairs of shapes are to be looked at, and nothing else. *Missed*: called free, and meshes touch.
+*Refused for nothing*: not called free, and no meshes touch, over all that are free. The clearance is 0 there; planned poses and legs
+keep 5 mm, and are looked at in steps in which no two links come nearer by more than 1 mm.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def shapes_of(path: str, robots: Path, model: Any) -> dict[str, tuple[Any, ...]]
 
     found: dict[str, tuple[Any, ...]] = {}
     for link in ET.parse(path).getroot().findall("link"):
-        for number, shape in enumerate(link.findall("collision")):
+        for number, shape in enumerate(link.findall("collision") or link.findall("visual")):
             origin = shape.find("origin")
             numbers = {} if origin is None else origin.attrib
             xyz, rpy = ([float(word) for word in numbers.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
