@@ -89,8 +89,9 @@ def test_ctrl_c_gives_the_best_so_far(run_cli: Run, monkeypatch: pytest.MonkeyPa
         return way(ways, a, b)
 
     monkeypatch.setattr(Ways, "free_until", interrupted)
-    done = run_cli("poses", PANDA, "-o", "p.csv", "--sensor", "point:panda_link8", *FEW)
+    done = run_cli("poses", PANDA, "-o", "p.csv", "--sensor", "point:panda_link8", "--trajectory", "t.yaml", *FEW)
     assert done.code == 130
+    assert "t.yaml: to poses 1 to 3 alone, since no way leads on" in done.err
     assert "interrupted: legs that were not looked at" in done.err
     assert "no free way was found from pose 3 to 4" in done.err
     assert len(positions(Path("p.csv"))) == 8

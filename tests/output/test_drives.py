@@ -53,6 +53,14 @@ def test_a_trajectory_has_the_stations_and_their_times(drive: Drive) -> None:
         assert np.allclose(q[int(index)], drive.q[drive.names.index(name)], atol=1e-6)
 
 
+def test_a_leg_without_a_way_is_never_driven(plan: PosePlan) -> None:
+    """Of a tour in parts the longest is driven, its poses called as in the table; no two stations are the ends of a blocked leg."""
+    tour = replace(toured(plan.q, plan.robot, np.zeros(6), None, plan.q), blocked=(1, 4), vias={3: np.full((1, 6), 0.25)})
+    drive = drive_of(plan, tour, both_sides=False, speed=0.5, pause=0.0, made_of="0" * 64)
+    assert drive.names == ("p03", "p04", "", "p05")
+    assert np.allclose(drive.q, [*plan.q[tour.order][2:4], np.full(6, 0.25), plan.q[tour.order][4]])
+
+
 def test_urscript_is_read_back(drive: Drive) -> None:
     """By the reader of programs: the positions of every station, in the order of the joints."""
     text = urscript(drive).decode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -273,7 +274,7 @@ def poses(
     say(verbose, about(plan.robot))
     said = [_SHORT] if short() else []
     said += [_CUT] if cut() else []
-    said += [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour)]
+    said += [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour, drives)]
     if until_mm is not None and plan.tool_sigma_mm[-1] > until_mm:
         said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until_mm:g} mm")
     warn(said, quiet)
@@ -460,8 +461,14 @@ def _toured(plan: PosePlan, cells: _Cells | None) -> Tour:
     return toured(plan.q, plan.robot, home, Ways(cells.made).free_until, through)
 
 
-def _not_driven(tour: Tour) -> list[str]:
+def _not_driven(tour: Tour, drives: Sequence[Path]) -> list[str]:
+    """Legs without a way, and what a drive leaves out for them."""
     legs = [f"{leg + 1} to {leg + 2}" for leg in tour.blocked]
     if not legs:
         return []
-    return [f"no free way was found from pose {', '.join(legs)}: drive there by hand, or by a planner"]
+    part = tour.drivable
+    alone = f"pose {part.start + 1} alone" if len(part) == 1 else f"poses {part.start + 1} to {part.stop} alone"
+    return [
+        f"no free way was found from pose {', '.join(legs)}: drive there by hand, or by a planner",
+        *([f"{listed([str(drive) for drive in drives])}: to {alone}, since no way leads on to the others"] if drives else []),
+    ]

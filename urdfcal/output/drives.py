@@ -72,11 +72,12 @@ def pose_names(count: int, both_sides: bool) -> list[tuple[str, ...]]:
 
 
 def drive_of(plan: PosePlan, tour: Tour, *, both_sides: bool, speed: float, pause: float, made_of: str) -> Drive:
-    """The tour as stations; each pose from both sides, if that is wanted."""
+    """The tour as stations, as far as it can be driven without a break; each pose from both sides, if that is wanted."""
     names: list[str] = []
     stations: list[Vector] = []
-    ways = [plan.q[tour.order][:1], *(leg[1:] for leg in legs(plan.q, tour))]
-    for read, way in zip(pose_names(len(ways), both_sides), ways, strict=True):
+    part = tour.drivable
+    ways = [plan.q[tour.order][part[:1]], *(leg[1:] for leg in legs(plan.q, tour)[part.start : part.stop - 1])]
+    for read, way in zip(pose_names(len(plan), both_sides)[part.start : part.stop], ways, strict=True):
         names += [""] * (len(way) - 1)
         stations += list(way[:-1])
         names += ["", read[0], "", read[1]] if both_sides else list(read)

@@ -40,6 +40,12 @@ class Tour:
     vias: dict[int, Matrix]
     blocked: tuple[int, ...]
 
+    @property
+    def drivable(self) -> range:
+        """Places in the order of the most poses that can be driven to, one after the other."""
+        ends = [*(leg + 1 for leg in self.blocked), len(self.order)]
+        return max((range(begin, end) for begin, end in zip([0, *ends[:-1]], ends, strict=True)), key=len)
+
 
 def speeds_of(robot: Robot) -> Vector:
     """Full speed of every measured joint, [rad/s] or [m/s]."""
