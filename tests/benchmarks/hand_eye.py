@@ -151,7 +151,8 @@ def trial_of(robot: urdfcal.Robot, twists: np.ndarray, sought: Sought, poses: in
         if T.translation[2] > 0.25 and (T.rotation[:, 2] @ T.act(points.mean(axis=0))) > 0 and inside.mean() > 0.8:
             q.append(trial)
             pixels.append(np.where(inside[:, None], seen, np.nan))
-    turned = pin.exp6(twists[-1] * [0, 0, 1, 0, 0, 1])  # what turns along with the last joint
+    along = np.abs(robot.tree.joints[names[-1]].axis)
+    turned = pin.exp6(twists[-1] * [*along, *along])  # what turns along with the last joint
     hand = np.array([flange(robot, own).homogeneous for own in q])
     return Trial(camera, on_flange(robot, turned) * T_tool_camera, np.array(q), hand, np.array(pixels))
 
