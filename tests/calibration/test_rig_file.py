@@ -71,7 +71,7 @@ BAD = {
         "error_models:\n  lift: auto",
         ":2: entry 'error_models.lift': Input should be 'dh', 'hayati', 'placement' or 'offset', found 'auto'",
     ),
-    "estimate": ("estimate: [beam]", ":1: entry 'estimate.0': Input should be 'beams', 'beams4' or 'screen', found 'beam'"),
+    "estimate": ("estimate: [beam]", ":1: entry 'estimate.0': Input should be 'beams', 'beams4', 'screen' or 'lens', found 'beam'"),
     "lasers": ("lasers: laser_1", ":1: entry 'lasers': Input should be a valid list, found 'laser_1'"),
     "noise zero": ("noise: {spot_mm: 0}", ":1: entry 'noise.spot_mm': Input should be greater than"),
     "noise infinite": ("noise: {spot_mm: .inf}", ":1: entry 'noise.spot_mm': Input should be a finite number, found inf"),

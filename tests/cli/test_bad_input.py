@@ -277,7 +277,7 @@ USAGE = {
         {},
         "--compensation c.yaml: sag is looked at from 20 fitted poses on, and there are 2; nothing was fitted",
     ),
-    "estimate": (f"{FIT} --estimate beam", {}, "'beam' is not one of 'screen', 'beams', 'beams4'; did you mean 'beams'?"),
+    "estimate": (f"{FIT} --estimate beam", {}, "'beam' is not one of 'screen', 'beams', 'beams4', 'lens'; did you mean 'beams'?"),
     "fix nothing": (f"{FIT} --fix elbow.d_a", {}, "no parameter matches 'elbow.d_a'"),
     "only nothing": (f"{FIT} --only elbow.*", {}, "no parameter matches 'elbow.*'"),
     "fix everything": (f"{FIT} --fix *", {}, "nothing is left to estimate: every parameter is fixed"),

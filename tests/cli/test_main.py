@@ -193,7 +193,9 @@ def test_help_names_every_option_with_its_unit(run_cli: Run) -> None:
 def test_help_of_simulate_names_every_sensor(run_cli: Run) -> None:
     """Whatever the registry can read at any pose, touch, or see as a target, can be asked for, and the help of --sensor lists how."""
     words = " ".join(run_cli("simulate", "--help").out.split())
-    assert f"or {', '.join(list(SENSOR_KINDS)[:-1])} or {list(SENSOR_KINDS)[-1]} of a target on LINK" in words
+    *most, last = (kind for kind in SENSOR_KINDS if kind != "laser")  # the robot's own, which has words of its own
+    assert f"or {', '.join(most)} or {last} of a target on LINK" in words
+    assert "laser (the robot's; laser:LINK@SCREEN" in words
     can = {name for name, sensor in SENSORS.items() if sensor.anywhere or sensor.touches or (sensor.by_camera and not sensor.beam)}
     assert {name for names in SENSOR_KINDS.values() for name in names} == can
 
