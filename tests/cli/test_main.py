@@ -191,12 +191,16 @@ def test_help_names_every_option_with_its_unit(run_cli: Run) -> None:
 
 
 def test_help_of_simulate_names_every_sensor(run_cli: Run) -> None:
-    """Whatever the registry can read at any pose, touch, or see as a target, can be asked for, and the help of --sensor lists how."""
+    """Whatever the registry can read at any pose, touch, aim at, or see as a target, can be asked for, and the help of --sensor lists how."""
     words = " ".join(run_cli("simulate", "--help").out.split())
     *most, last = (kind for kind in SENSOR_KINDS if kind != "laser")  # the robot's own, which has words of its own
     assert f"or {', '.join(most)} or {last} of a target on LINK" in words
     assert "laser (the robot's; laser:LINK@SCREEN" in words
-    can = {name for name, sensor in SENSORS.items() if sensor.anywhere or sensor.touches or (sensor.by_camera and not sensor.beam)}
+    told = {
+        name: sensor.anywhere or sensor.touches or sensor.aimed or (sensor.by_camera and not sensor.beam)
+        for name, sensor in SENSORS.items()
+    }
+    can = {name for name, asked_for in told.items() if asked_for}
     assert {name for names in SENSOR_KINDS.values() for name in names} == can
 
 
