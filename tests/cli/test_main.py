@@ -191,7 +191,7 @@ def test_help_names_every_option_with_its_unit(run_cli: Run) -> None:
 
 
 def test_help_of_simulate_names_every_sensor(run_cli: Run) -> None:
-    """Whatever the registry can read at any pose, touch, aim at, or see as a target, can be asked for, and the help of --sensor lists how."""
+    """Whatever the registry can read at any pose, touch, aim, or see as a target, can be asked for, and the help of --sensor lists how."""
     words = " ".join(run_cli("simulate", "--help").out.split())
     *most, last = (kind for kind in SENSOR_KINDS if kind != "laser")  # the robot's own, which has words of its own
     assert f"or {', '.join(most)} or {last} of a target on LINK" in words
