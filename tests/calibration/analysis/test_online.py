@@ -14,7 +14,7 @@ from tests.support.small_robot import URDF, robot_of
 from urdfcal.api import OnlineCalibrator, fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
 from urdfcal.calibration.analysis import arrivals
-from urdfcal.calibration.analysis.online import OnlineState
+from urdfcal.calibration.analysis.online_state import OnlineState
 from urdfcal.calibration.analysis.prediction import spot_sigma
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.estimation.chi_squared import chi_squared_gate
