@@ -45,11 +45,11 @@ def test_without_lasers_the_link_that_is_moved_is_shown(tmp_path: Path) -> None:
 
 
 def test_every_branch_of_a_tree_shows_its_own_link(tmp_path: Path) -> None:
-    """Joints of two arms on one torso, and the side that each came from, show both hands; a joint that moves neither is no plan of theirs."""
+    """Joints of two arms on one torso, and the side that each came from, show both hands."""
     arms = "".join(
         f'<link name="{side}"/><link name="{side}_hand"/>'
-        f'<joint name="{side}_turn" type="revolute"><parent link="torso"/><child link="{side}"/><origin xyz="0 {y} 0.2"/><axis xyz="0 1 0"/>'
-        f'<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        f'<joint name="{side}_turn" type="revolute"><parent link="torso"/><child link="{side}"/><origin xyz="0 {y} 0.2"/>'
+        f'<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
         f'<joint name="{side}_mount" type="fixed"><parent link="{side}"/><child link="{side}_hand"/><origin xyz="0.5 0 0"/></joint>'
         for side, y in (("left", 0.3), ("right", -0.3))
     )
