@@ -46,3 +46,10 @@ def test_check_poses_show_smaller_changes_than_random_ones(robots: dict[str, Rob
     drawn = [plan_poses(robots["ur5"], candidates=8, n=8, check=True, sensors=["point:tool0"], seed=seed).detects_mm for seed in range(4)]
     assert chosen.detects_mm is not None
     assert chosen.detects_mm < min(size for size in drawn if size is not None)
+
+
+def test_poses_that_tell_nothing_show_no_change(robots: dict[str, Robot]) -> None:
+    """Where no reading moves with any joint there is no size of change that shows, and no number is given for one."""
+    made = measuring(robots["ur5"], Asked(["point:tool0"]), ModelOptions(), np.random.default_rng(0))
+    p = len(made.errors.names)
+    assert detected_mm(made.errors, np.zeros((8, 3, p)), np.eye(p), np.random.default_rng(1)) == np.inf

@@ -89,5 +89,11 @@ def test_what_cannot_be_planned_is_said(robots: dict[str, Robot]) -> None:
         plan_poses(robot, candidates=np.zeros((5, 6)), n=6, sensors=["point:tool0"])
     with pytest.raises(ShapeMismatch, match=r"candidates have shape \(5, 7\), expected finite \(m, 6\), for shoulder_pan_joint"):
         plan_poses(robot, candidates=np.zeros((5, 7)), n=2, sensors=["point:tool0"])
+    with pytest.raises(ShapeMismatch, match=r"limits have shape \(3, 6\), expected \(2, 6\)"):
+        plan_poses(robot, candidates=50, n=2, sensors=["point:tool0"], limits=np.zeros((3, 6)))
+    with pytest.raises(UsageError, match="limits of elbow_joint: 1 to -1 leave no room"):
+        plan_poses(robot, candidates=50, n=2, sensors=["point:tool0"], limits=[[-1, -1, 1, -1, -1, -1], [1, 1, -1, 1, 1, 1]])
+    with pytest.raises(UsageError, match="laser:laser_1@card: poses are planned for the robot's own lasers"):
+        plan_poses(robot, sensors=["laser:laser_1@card"])
     with pytest.raises(UsageError, match="socket:tool0 touches"):
         plan_poses(robot, sensors=["socket:tool0"])

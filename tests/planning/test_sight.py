@@ -173,5 +173,5 @@ def test_what_is_assumed_is_said(robot: Robot) -> None:
 
 def test_too_few_that_can_be_measured_are_refused_with_reasons(robot: Robot) -> None:
     """A camera that looks away sees none, and how many fall to which reason is said."""
-    with pytest.raises(UsageError, match=r"expected n from 1 to 0, .* found 4; 0 of \d+ random poses can be measured: \d+ are out of"):
+    with pytest.raises(UsageError, match=r"4 poses wanted of 0 candidates; 0 of \d+ random poses can be measured: \d+ are out of"):
         plan_poses(robot, candidates=20, n=4, sensors=["pixels:board"], reference="away", camera=LENS, boards={"board": GRID})

@@ -26,7 +26,7 @@ from urdfcal.estimation.noise import LEAST_FREEDOM, Misfit, Noise
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.found_frames import found_frames
-from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT
+from urdfcal.model.parameters import DEFAULT_PRIORS, FLAT, INSTRUMENTS
 from urdfcal.robot.corrections import OriginCorrection
 from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.rig import SIX
@@ -41,6 +41,7 @@ _SURELY = 3.0  # sigmas of a prior that was stated wider than that
 _MOST_WANDER = 3 * DEG  # a beam that scatters more is not one of a calibrated arm
 CHI_SQUARED_LIMIT = 5.0  # times what was stated
 
+_FRAMES = (*INSTRUMENTS, "lens", "rig")  # what is not of the robot
 _NAMED = 2  # parameters that a fit that gives up names
 _LARGE = 10.0  # times the usual noise, beyond which it is no noise
 _FAR = 3.0  # times the default prior, beyond which a scale that the data chose is no robot's
@@ -194,6 +195,11 @@ class FitResult:
         return frozenset(name for name, known in decided if known)
 
     @property
+    def frames_alone(self) -> bool:
+        """Whether nothing of the robot was estimated, but where instruments and targets are, and lenses: hand-eye calibration."""
+        return bool(self.errors.parameters) and all(parameter.kind in _FRAMES for parameter in self.errors.parameters)
+
+    @property
     def rejection(self) -> str:
         """Why the result must not be trusted, or the empty string."""
         if not self.converged:
@@ -202,7 +208,7 @@ class FitResult:
             return f"{self._moved}, and no robot is made so; check the URDF, units and signs of joints and readings, and the axes measured"
         if self._scattered:
             return self._scattered
-        if not rms_of(self.after) < rms_of(self.before):
+        if not (self.frames_alone or rms_of(self.after) < rms_of(self.before)):
             return f"the fit made nothing better: {rms_in_words(self.after)} RMS after it, {rms_in_words(self.before)} before"
         for kind, stated in zip(self.kinds, self.estimate.noise.stated, strict=True):
             if (stated or kind in self.stating) and self.misfits[kind].chi_squared > CHI_SQUARED_LIMIT:

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import ShapeMismatch, UsageError
+from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix
 from urdfcal.base.interrupts import enough
 from urdfcal.base.terminal import many
 from urdfcal.planning.sight import HIDDEN, Eyes, Hidden
+from urdfcal.robot.configurations import measured_positions
 from urdfcal.robot.robot import Robot
 
 Allowed = Callable[[Robot, Matrix], Mask]
@@ -106,22 +107,10 @@ def given(lookout: Lookout, q: npt.ArrayLike) -> Candidates:
     Raises:
         ShapeMismatch: they do not fit the robot.
     """
-    q = positions(lookout.robot, q)
+    q = measured_positions(lookout.robot, q, "plan_poses: candidates")
     read, why = lookout.look(q)
     rows = np.flatnonzero(why == "")
     return Candidates(q[rows], rows, read[rows], len(q), dict(Counter(reason for reason in why.tolist() if reason)))
-
-
-def positions(robot: Robot, q: npt.ArrayLike) -> Matrix:
-    """Positions of the measured joints, (m, inputs).
-
-    Raises:
-        ShapeMismatch: they do not fit the robot.
-    """
-    found, names = np.asarray(q, dtype=float), robot.chain.input_names
-    if found.ndim != 2 or found.shape[1] != len(names) or not np.isfinite(found).all():
-        raise ShapeMismatch(f"plan_poses: candidates have shape {found.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
-    return found
 
 
 def require_enough(candidates: Candidates, n: int, was_given: bool) -> None:
@@ -134,4 +123,6 @@ def require_enough(candidates: Candidates, n: int, was_given: bool) -> None:
     if count >= n >= 1:
         return
     told = f"; {candidates.told(not was_given)}" if candidates.reasons else ""
+    if not was_given and n >= 1:
+        raise UsageError(f"plan_poses: {many(n, 'pose')} wanted of {many(count, 'candidate')}{told}")
     raise UsageError(f"plan_poses: expected n from 1 to {count}, the number of candidates, found {n}{told}")

@@ -7,6 +7,8 @@ chi-square of the difference then has the noncentrality d' N d / 2.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from urdfcal.base.geometry import MM, Array3, Matrix, Vector
@@ -27,6 +29,8 @@ def changing(errors: ErrorModel) -> Vector:
 
 def detected_mm(errors: ErrorModel, H: Array3, M: Matrix, rng: np.random.Generator) -> float:
     """The tool's RMS change over the workspace that check poses show in nine of ten random changes of that size, at 1 % false alarms, [mm].
+
+    Infinite where no change that could be is large enough.
 
     Args:
         errors: The error model.
@@ -49,6 +53,8 @@ def detected_mm(errors: ErrorModel, H: Array3, M: Matrix, rng: np.random.Generat
     low, high = 0.0, 1e-3
     while high < _MOST and np.mean(ncx2.sf(alarm, freedom, per_mm * high**2)) < DETECTED:
         high *= 2
+    if high >= _MOST:
+        return math.inf
     for _ in range(30):
         middle = (low + high) / 2
         low, high = (low, middle) if np.mean(ncx2.sf(alarm, freedom, per_mm * middle**2)) >= DETECTED else (middle, high)

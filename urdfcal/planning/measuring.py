@@ -17,8 +17,8 @@ import pinocchio as pin
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import DEG, Array3, Mask, Matrix, Vector, xyz_rpy
 from urdfcal.base.terminal import rounded
-from urdfcal.calibration.analysis.more_poses import without_lost
-from urdfcal.calibration.problem import Problem, problem_of
+from urdfcal.calibration.analysis import next_pose
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import screen_area
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import ErrorModel
@@ -187,6 +187,8 @@ def _parsed(robot: Robot, asked: Asked) -> tuple[tuple[tuple[SimulatedSensor, st
     lasers = False
     for word in [asked.sensors] if isinstance(asked.sensors, str) else asked.sensors:
         plain, _, instrument = word.partition("@")
+        if plain.startswith("laser:"):
+            raise UsageError(f"--sensor {word}: poses are planned for the robot's own lasers, by laser with --laser and --screen")
         named, laser = parse_sensors([plain], robot, 0, asked.boards)
         known = {*asked.stations.links, *robot.tree.links}
         if instrument and instrument not in known:
@@ -298,10 +300,7 @@ def _rows(made: Measuring, q: Matrix, noise: ReadWith, read: Mask | None) -> Arr
     data = made.read(q)
     if read is not None:
         data = replace(data, readings=tuple(own.without(~read[:, column]) for column, own in enumerate(data.readings)))
-    linearisation = without_lost(problem_of(made.errors, data, noise.of(data, made.robot)).linearise(made.errors.mean).of_poses(len(data)))
-    linearisation = replace(linearisation, poses=None)
-    rows = noise.of(data, made.robot).weights(linearisation).jacobian(linearisation)
-    return np.asarray(rows.reshape(len(data), -1, len(made.errors.names)))
+    return next_pose.whitened(made.errors, made.errors.mean, data, noise.of(data, made.robot))
 
 
 def _compressed(H: Array3) -> Array3:

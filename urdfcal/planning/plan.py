@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.errors import UsageError
+from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.foreign_text import shown
 from urdfcal.base.geometry import MM, Mask, Matrix, Vector
 from urdfcal.base.interrupts import enough
@@ -18,13 +18,13 @@ from urdfcal.base.terminal import rounded
 from urdfcal.calibration.analysis.prediction import default_tool, tool_jacobian
 from urdfcal.model.options import ModelOptions
 from urdfcal.planning.approach import back_off
-from urdfcal.planning.candidates import Allowed, Candidates, Lookout, drawn, given, positions, require_enough
+from urdfcal.planning.candidates import Allowed, Candidates, Lookout, drawn, given, require_enough
 from urdfcal.planning.change import changing, detected_mm
 from urdfcal.planning.criteria import NAMES, Design, Rows
 from urdfcal.planning.measuring import Asked, Measuring, ReadWith, measuring, whitened
 from urdfcal.planning.selection import exchanged, fewest, greedy, information
 from urdfcal.planning.sight import Eyes, Hidden
-from urdfcal.robot.configurations import joint_limits, require_room
+from urdfcal.robot.configurations import joint_limits, measured_positions, require_room
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.robot.sheet import ScreenArea
@@ -59,7 +59,8 @@ class PosePlan:
         reasons: Of how many candidates each reason was the first why they cannot be measured.
         looked: How many candidates were looked at.
         assumed: What was assumed of instruments of which nothing is said, in sentences.
-        detects_mm: For a later check: the tool's RMS change that these poses show in nine of ten cases, [mm]; None where they are no check.
+        detects_mm: For a later check: the tool's RMS change that these poses show in nine of ten cases, [mm]; inf where they show
+            none, None where they are no check.
     """
 
     robot: Robot
@@ -222,7 +223,12 @@ def _room(robot: Robot, limits: npt.ArrayLike | None, both_sides: bool) -> Matri
         ShapeMismatch: the limits are none.
         UsageError: they leave no room.
     """
-    room = joint_limits(robot) if limits is None else positions(robot, limits)
+    room = joint_limits(robot) if limits is None else measured_positions(robot, limits, "plan_poses: limits")
+    if len(room) != 2:
+        raise ShapeMismatch(f"plan_poses: limits have shape {room.shape}, expected (2, {room.shape[1]}), the lower ones first")
+    for name, lower, upper in zip(robot.chain.input_names, *room, strict=True):
+        if lower > upper:
+            raise UsageError(f"plan_poses: limits of {name}: {lower:.4g} to {upper:.4g} leave no room")
     return room if not both_sides else _narrower(room, back_off(robot), robot.chain.input_names)
 
 
@@ -259,7 +265,7 @@ def _told_by(made: Measuring, have: Measurements | npt.ArrayLike, eyes: Eyes, no
         UsageError: nothing that is to be read now was read then.
     """
     if not isinstance(have, Measurements):
-        q = positions(made.robot, have)
+        q = measured_positions(made.robot, have, "plan_poses: what was measured")
         return information(whitened(made, q, noise, eyes.geometry(q).read))
     names = made.robot.chain.input_names
     if missing := [name for name in names if name not in have.joints]:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from urdfcal.base.errors import UsageError
+from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.robot.chain import leader_of
 from urdfcal.robot.robot import Robot
@@ -17,6 +17,28 @@ from urdfcal.robot.urdf_tree import UrdfJoint
 _FREE = {"continuous": np.pi, "revolute": np.pi, "prismatic": 1.0}  # how far a joint without limits is moved either way, [rad] or [m]
 _ENDLESS = 1e3  # [rad] or [m]: limits beyond are none; simulators' files write 1e16
 _ROOM = 1e-6  # [rad] or [m]: limits nearer to each other hold a joint
+
+
+def measured_positions(robot: Robot, q: npt.ArrayLike, what: str) -> Matrix:
+    """Positions of the measured joints, (m, inputs), [rad] or [m].
+
+    Args:
+        robot: The robot.
+        q: What is taken for them.
+        what: What they are, for the message.
+
+    Raises:
+        ShapeMismatch: they do not fit the robot.
+    """
+    names = robot.chain.input_names
+    expected = f"expected finite (m, {len(names)}), for {', '.join(names)}"
+    try:
+        found = np.asarray(q, dtype=float)
+    except (TypeError, ValueError):
+        raise ShapeMismatch(f"{what} are no table of numbers, {expected}") from None
+    if found.ndim != 2 or found.shape[1] != len(names) or not np.isfinite(found).all():
+        raise ShapeMismatch(f"{what} have shape {found.shape}, {expected}")
+    return found
 
 
 def joint_limits(robot: Robot, measured: Matrix | None = None) -> Matrix:

@@ -66,3 +66,5 @@ def test_what_cannot_be_chosen_is_said(robots: dict[str, Robot]) -> None:
         calibrator.next_pose(data.q)
     with pytest.raises(ShapeMismatch, match=r"candidates have shape \(3, 7\), expected finite \(m, 6\)"):
         calibrator.next_pose(np.zeros((3, 7)))
+    with pytest.raises(ShapeMismatch, match="candidates are no table of numbers"):
+        calibrator.next_pose([[0.0, 1.0], [0.0]])

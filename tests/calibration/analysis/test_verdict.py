@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from tests.support import two_ends
@@ -22,6 +23,7 @@ from urdfcal.robot.robot import Robot, with_text
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements
 from urdfcal.simulation.readings import simulate_readings
+from urdfcal.simulation.setup import SimulatedSetup
 
 
 def example(robots: dict[str, Robot]) -> Measurements:
@@ -238,3 +240,35 @@ def test_test_poses_may_be_read_by_one_sensor_alone(robots: dict[str, Robot]) ->
     turned = data.subset(np.arange(40, 60))
     turned = replace(turned, readings=tuple(own for own in turned.readings if own.sensor == "orientation"))
     assert fit(robot, data.subset(np.arange(40)), test=turned).verdict.use == "yes"
+
+
+@pytest.fixture(scope="module")
+def hand_eye(robots: dict[str, Robot]) -> tuple[SimulatedSetup, Measurements]:
+    """What a camera reads of a marker on the tool of a robot that is as its URDF says."""
+    rng = np.random.default_rng(5)
+    setup = setup_of(CASES["pose"], robots, rng, translation=0.0, rotation=0.0)
+    return setup, simulate_readings(setup, 25, rng, NOISE)
+
+
+def test_frames_alone_can_be_asked_for(hand_eye: tuple[SimulatedSetup, Measurements]) -> None:
+    """Where every joint is held there is nothing to gain but where instrument and target are: both are true, and it is said."""
+    setup, data = hand_eye
+    apart = replace(data, sets=np.where(np.arange(len(data)) % 5 == 4, "test", "fit"))
+    calibration = fit(setup.robot, apart, fix=["*_joint.*"])
+    assert calibration.frames_alone
+    assert not calibration.rejection
+    assert calibration.verdict.use == "reservations"
+    assert [re.match("nothing of the robot was estimated", reason) is not None for reason in calibration.verdict.reasons] == [True]
+    assert calibration.verdict.tool is None
+    truth = {slot.kind: slot.found[""] for slot in setup.errors.slots if slot.found}
+    for frame, kind in zip(calibration.frames, ("reference", "target"), strict=True):
+        off = pin.log6(frame.on_link.actInv(truth[kind])).vector
+        assert off @ np.linalg.solve(frame.covariance, off) < 22.5  # 0.999 of chi-square with six degrees of freedom
+
+
+def test_joints_that_gain_nothing_stay_refused(hand_eye: tuple[SimulatedSetup, Measurements]) -> None:
+    """One joint's number in the state is enough for the robot to have to become better: here it was right."""
+    setup, data = hand_eye
+    calibration = fit(setup.robot, data, only=["elbow_joint.d_theta"])
+    assert not calibration.frames_alone
+    assert calibration.verdict.use == "no"

@@ -42,3 +42,27 @@ def test_without_lasers_the_link_that_is_moved_is_shown(tmp_path: Path) -> None:
     for q, point in zip(whole_configurations(seen, np.array([[np.radians(30), 0.2], [np.radians(-10), 0.1]])), read.values, strict=True):
         pin.framesForwardKinematics(seen.model, model, q)
         assert np.allclose(model.oMf[seen.model.getFrameId(read.link)].translation, point)
+
+
+def test_every_branch_of_a_tree_shows_its_own_link(tmp_path: Path) -> None:
+    """Joints of two arms on one torso, and the side that each came from, show both hands."""
+    arms = "".join(
+        f'<link name="{side}"/><link name="{side}_hand"/>'
+        f'<joint name="{side}_turn" type="revolute"><parent link="torso"/><child link="{side}"/><origin xyz="0 {y} 0.2"/>'
+        f'<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        f'<joint name="{side}_mount" type="fixed"><parent link="{side}"/><child link="{side}_hand"/><origin xyz="0.5 0 0"/></joint>'
+        for side, y in (("left", 0.3), ("right", -0.3))
+    )
+    torso = '<joint name="lift" type="prismatic"><parent link="base"/><child link="torso"/><axis xyz="0 0 1"/>'
+    torso += '<limit lower="0" upper="1" effort="1" velocity="1"/></joint>'
+    robot = robot_of(f'<robot name="two"><link name="base"/><link name="torso"/>{torso}{arms}</robot>', str(tmp_path / "two.urdf"))
+    (tmp_path / "p.csv").write_text("pose,lift,left_turn,right_turn,lift.approach\na,0.1,0.5,-0.2,1\nb,0.2,0,0,-1\n")
+    data = planned_poses(tmp_path / "p.csv", robot)
+    assert data is not None
+    assert [own.link for own in data.readings] == ["left", "right"]
+    for own, y in zip(data.readings, (0.3, -0.3), strict=True):
+        assert np.allclose(own.values, [[0, y, 0.3], [0, y, 0.4]])
+    assert view_of(robot, data).html
+    (tmp_path / "one.csv").write_text("lift,left_turn\n0.1,0.5\n")
+    (one,) = planned_poses(tmp_path / "one.csv", robot).readings
+    assert one.link == "left"

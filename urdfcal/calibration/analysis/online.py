@@ -58,7 +58,7 @@ from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import LENS, ModelOptions
 from urdfcal.model.parameters import INSTRUMENTS
-from urdfcal.robot.configurations import random_positions
+from urdfcal.robot.configurations import measured_positions, random_positions
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
 from urdfcal.sensors.columns import NONE, Stations
@@ -231,10 +231,8 @@ class OnlineCalibrator:
             UsageError: nothing is placed yet, only touches were read, or none of the candidates tells anything new.
             ShapeMismatch: the candidates do not fit the robot.
         """
-        seen, q = self._seeing, np.asarray(candidates, dtype=float)
-        names = seen.robot.chain.input_names
-        if q.ndim != 2 or q.shape[1] != len(names) or not np.isfinite(q).all():
-            raise ShapeMismatch(f"next_pose: candidates have shape {q.shape}, expected finite (m, {len(names)}), for {', '.join(names)}")
+        seen = self._seeing
+        q = measured_positions(seen.robot, candidates, "next_pose: candidates")
         if seen.placed is None:
             raise UsageError(f"next_pose: {self.state.waiting or 'nothing is placed yet'}; begin with poses that differ in every joint")
         held = self._history.measurements()

@@ -172,6 +172,8 @@ def _verdict_of(found: FitResult) -> Verdict:
     more = all(finding.more for finding in findings if finding.use != "yes")
     use: Use = max((finding.use for finding in findings), key=_ORDER.index, default="yes")
     reasons = tuple(dict.fromkeys(finding.words for finding in findings if finding.use == use))
+    if found.frames_alone:  # of a robot that was taken to be right nothing is predicted
+        return Verdict(use, reasons)
     return Verdict(use, reasons, judged.tool, tuple(_advice(judged, use)) if more else (), judged.spots)
 
 
@@ -205,12 +207,22 @@ def _stated_noise(judged: Judged) -> Iterator[Finding]:
         yield Finding("reservations", f"readings scatter more than they state ({scatter} beyond it, in SI)")
 
 
+def _frames_alone(judged: Judged) -> Iterator[Finding]:
+    """Where every joint was held the robot is no better than it was, and was not meant to be: what was found are frames."""
+    if judged.found.frames_alone:
+        yield Finding(
+            "reservations", "nothing of the robot was estimated, frames alone were: their sigmas hold only where its joints are right"
+        )
+
+
 def _is_better(judged: Judged) -> Iterator[Finding]:
     """What the user cares about is not clearly nearer to the truth than with the nominal robot.
 
     Spots, and a link up to a constant, are what was measured. Where the link is in the base frame, measuring frames and targets that
     are free do not tell: unless that very link was asked for it is enough that it is not likely to be worse, and how likely is said.
     """
+    if judged.found.frames_alone:
+        return
     tool, asked = judged.tool, bool(judged.found.tool)
     cases = [
         (f"{tool.link} in the frame of {tool.base}", tool.in_base, _LIKELY if asked else _AS_LIKELY_AS_NOT),
@@ -273,13 +285,10 @@ def _tested(judged: Judged) -> Iterator[Finding]:
 def _compared(found: FitResult, before: SpotTable, after: SpotTable, what: str) -> Iterator[Finding]:
     """Whether poses that were not fitted are off by more than the nominal robot's, or than can be expected."""
     off, least = rms_of(after), _ROUNDING_MM if main_unit(after) == MAIN_UNIT else 0.0
-    if off > max(rms_of(before), least):
-        yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), with the nominal robot {rms_in_words(before)}")
-        return
-    if off > max(_CLEAR * rms_of(before), least):
-        yield Finding(
-            "no", f"{what} are {rms_in_words(after)} off (RMS), hardly nearer than with the nominal robot, {rms_in_words(before)}"
-        )
+    if not found.frames_alone and off > max(_CLEAR * rms_of(before), least):
+        nearer = "" if off > max(rms_of(before), least) else "hardly nearer than "
+        nominal = f"with the nominal robot{',' if nearer else ''} {rms_in_words(before)}"
+        yield Finding("no", f"{what} are {rms_in_words(after)} off (RMS), {nearer}{nominal}")
         return
     expected = expected_ratio(found) * max(rms_of(found.after), least, 1e-12)
     times, readings = off / expected, sum(row.n for row in after.values())
@@ -341,7 +350,7 @@ def _far_off(judged: Judged) -> Iterator[Finding]:
         yield Finding("reservations", f"joints were found far off the URDF ({', '.join(far[:3])}); is it this robot's, and the link right?")
 
 
-CONCERNS: tuple[Concern, ...] = (_few_numbers, _stated_noise, _is_better, _tested, _residuals, _far_off, _assumed)
+CONCERNS: tuple[Concern, ...] = (_few_numbers, _stated_noise, _frames_alone, _is_better, _tested, _residuals, _far_off, _assumed)
 
 
 def _advice(judged: Judged, use: Use) -> Iterator[str]:

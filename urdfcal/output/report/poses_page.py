@@ -41,7 +41,10 @@ def poses_page(
         made_of: Their hash.
     """
     after, random = rounded(plan.tool_sigma_mm[-1], 3), rounded(plan.at_random_mm, 3)
-    headline = f"{plan.tool} is predicted to be {after} mm off (RMS over the workspace) after them, {random} mm after as many random ones."
+    headline = (
+        f"{plan.tool} is predicted to be {after} mm off (RMS over the workspace) after all of them are fitted, {random} mm after as many "
+        "random ones."
+    )
     summary = (
         f"{many(len(plan), 'pose')} in an order to drive" if not tour.blocked else f"{many(len(tour.blocked), 'leg')} not to be driven"
     )

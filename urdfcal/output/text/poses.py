@@ -41,13 +41,12 @@ def plan_lines(plan: PosePlan, tour: Tour) -> list[str]:
     seconds = f"{float(tour.seconds.sum()):.0f} s at full speed"
     lines = [
         plan.usable,
-        f"{many(len(plan), 'pose')} for {plan.robot.name}: '{plan.tool}' predicted to be {after} mm off (RMS over the workspace), "
-        f"{before} mm before any, {rounded(plan.at_random_mm, 3)} mm after as many random ones",
+        f"{many(len(plan), 'pose')} for {plan.robot.name}: '{plan.tool}' predicted to be {after} mm off (RMS over the "
+        f"workspace, all fitted), {before} mm before any, {rounded(plan.at_random_mm, 3)} mm after as many random ones",
     ]
     if plan.detects_mm is not None:
         lines[-1] = (
-            f"{many(len(plan), 'pose')} for {plan.robot.name} to measure now and again later: a change that moves '{plan.tool}' by "
-            f"{_detected(plan.detects_mm)} (RMS over the workspace) shows in nine of ten cases"
+            f"{many(len(plan), 'pose')} for {plan.robot.name} to measure now and again later: {_detected(plan)} shows in nine of ten cases"
         )
     if plan.criterion != "I":
         lines.append(f"{plan.criterion} is {rounded(plan.value, 3)} of them, {rounded(plan.value_at_random, 3)} of as many random ones")
@@ -55,8 +54,10 @@ def plan_lines(plan: PosePlan, tour: Tour) -> list[str]:
     return lines
 
 
-def _detected(mm: float) -> str:
-    return f"{rounded(mm, 3)} mm" if np.isfinite(mm) else "any size"
+def _detected(plan: PosePlan) -> str:
+    if plan.detects_mm is None or not np.isfinite(plan.detects_mm):
+        return "no change of the joints, however large,"
+    return f"a change that moves '{plan.tool}' by {rounded(plan.detects_mm, 3)} mm (RMS over the workspace)"
 
 
 def plan_json(plan: PosePlan, tour: Tour, files: Sequence[str]) -> dict[str, Any]:
@@ -68,7 +69,7 @@ def plan_json(plan: PosePlan, tour: Tour, files: Sequence[str]) -> dict[str, Any
         "tool_sigma_mm": plan.tool_sigma_mm.tolist(),
         "at_random_mm": plan.at_random_mm,
         "criterion": {"name": plan.criterion, "value": plan.value, "at_random": plan.value_at_random},
-        "detects_mm": plan.detects_mm,
+        "detects_mm": plan.detects_mm if plan.detects_mm is not None and np.isfinite(plan.detects_mm) else None,
         "candidates": {"looked_at": plan.looked, "not_measurable": dict(plan.reasons)},
         "assumed": list(plan.assumed),
         "seconds": tour.seconds.tolist(),

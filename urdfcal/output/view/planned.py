@@ -21,17 +21,17 @@ from urdfcal.sensors.measurements_csv import read_named_table
 from urdfcal.sensors.readings import blank_readings
 from urdfcal.sensors.spots import beams_at
 
-_BESIDE = {"pose", "set", "session"}  # columns that say nothing of what was read
+_BESIDE = {"pose", "set", "session"}  # columns that say nothing of what was read, as `<joint>.approach` does
 SAID = "nothing was read at these poses: beams, spots and points are those of the robot as its URDF has it"
 
 
 def planned_poses(path: Path, robot: Robot, target: str | None = None) -> Measurements | None:
-    """Poses of a file that has joints and no readings, with what would be read: spots, or a point of the link that the joints move.
+    """Poses of a file that has joints and no readings, with what would be read: spots, or a point of the links that the joints move.
 
     Args:
         path: The file.
         robot: Whose joints its columns are.
-        target: Link whose way is shown; by default the first one that all of the file's joints move.
+        target: Link whose way is shown; by default of every branch the first one that all of the file's joints there move.
 
     Returns:
         None where something was read.
@@ -41,14 +41,14 @@ def planned_poses(path: Path, robot: Robot, target: str | None = None) -> Measur
         RobotError: there is no such link.
     """
     table = read_named_table(path, robot)
-    joints = set(table.names) - _BESIDE
+    joints = {name for name in table.names if not name.endswith(".approach")} - _BESIDE
     if not len(table) or not joints or not joints <= {joint.name for joint in robot.tree.joints.values() if joint.moves}:
         return None
     spots = _spots(robot, joints, table) if target is None else None
     if spots is not None:
         return _named(spots, table)
-    link = robot.tree.require_link(target) if target is not None else _behind(robot, joints)
-    return None if link is None else _named(_points(robot, link, table), table)
+    links = (robot.tree.require_link(target),) if target is not None else _behind(robot, joints)
+    return _named(_points(robot, links, table), table) if links else None
 
 
 def _named(data: Measurements, table: Table) -> Measurements:
@@ -66,24 +66,29 @@ def _spots(robot: Robot, joints: set[str], table: Table) -> Measurements | None:
     return spots_measured(robot, q, spots) if on_screen(errors, errors.mean, screen_area(robot))(q).all() else None
 
 
-def _behind(robot: Robot, joints: set[str]) -> str | None:
-    """The link that all of these joints move, and no other joint does, nearest to the root; None where there is none."""
+def _behind(robot: Robot, joints: set[str]) -> tuple[str, ...]:
+    """At the end of every branch that these joints move the link nearest to the root; none where not all of the joints move one."""
     ways = {link: robot.tree.path_from_root(link) for link in robot.tree.links}
-    own = [link for link, way in ways.items() if {joint.name for joint in way if joint.moves} == joints]
-    return min(own, key=lambda link: len(ways[link]), default=None)
+    moved = {link: frozenset(joint.name for joint in way if joint.moves) for link, way in ways.items()}
+    there = {own for own in moved.values() if own and own <= joints}
+    if frozenset().union(*there) != joints:
+        return ()
+    ends = [own for own in there if not any(own < other for other in there)]
+    first = [min((link for link in moved if moved[link] == own), key=lambda link: len(ways[link])) for own in ends]
+    return tuple(sorted(first))
 
 
-def _points(robot: Robot, link: str, table: Table) -> Measurements:
-    """The link's origin in the root's axes."""
-    seen = robot.seen_by(Instruments((Target(link, link),)), ())
+def _points(robot: Robot, links: tuple[str, ...], table: Table) -> Measurements:
+    """The links' origins in the root's axes."""
+    seen = robot.seen_by(Instruments(tuple(Target(link, link) for link in links)), ())
     q = JointColumns(table, seen).positions
     model, data = seen.model, seen.model.createData()
-    frame, points = model.getFrameId(link), np.empty((len(q), 3))
+    frames, points = [model.getFrameId(link) for link in links], np.empty((len(links), len(q), 3))
     for row, configuration in enumerate(whole_configurations(seen, q)):
-        pin.forwardKinematics(model, data, configuration)
-        points[row] = pin.updateFramePlacement(model, data, frame).translation
-    read = replace(blank_readings("point", link, link, len(q)), values=points)
+        pin.framesForwardKinematics(model, data, configuration)
+        points[:, row] = [data.oMf[frame].translation for frame in frames]
     n = len(q)
+    read = tuple(replace(blank_readings("point", link, link, n), values=own) for link, own in zip(links, points, strict=True))
     return Measurements(
-        seen.chain.input_names, q, (read,), np.arange(n).astype(str), np.full(n, "fit"), np.full(n, ""), source=str(table.path)
+        seen.chain.input_names, q, read, np.arange(n).astype(str), np.full(n, "fit"), np.full(n, ""), source=str(table.path)
     )

@@ -54,7 +54,7 @@ def board_sheet(pages: Sequence[BoardPage], ending: str, paper: str, dpi: float 
     Raises:
         UsageError: several boards where the format has one page, or too large a picture.
     """
-    sheet.require_file([one.page for one in pages], "boards", ending, paper, dpi)
+    sheet.require_file([one.page for one in pages], "sheet of boards", ending, paper, dpi)
     figures = []
     for one in pages:
         figure, axes = sheet.page(one.page)

@@ -142,7 +142,7 @@ def require_file(pages: Sequence[Size], what: str, ending: str, paper: str, dpi:
         UsageError: names the way out.
     """
     if len(pages) > 1 and ending != ".pdf":
-        wider = "" if what == "boards" else " or take --paper full"
+        wider = "" if what != "sheet" else " or take --paper full"
         raise UsageError(f"the {what} takes {len(pages)} pages of {paper}, and a {ending} file has one; write a .pdf{wider}")
     if ending == ".png" and np.prod(pages[0]) * (dpi / INCH_MM) ** 2 > _MOST_PIXELS:
         largest = np.sqrt(_MOST_PIXELS / np.prod(pages[0])) * INCH_MM
