@@ -147,6 +147,15 @@ RigOption = Annotated[
     Path | None,
     typer.Option("--rig", metavar="YAML", help="rig.yaml: links, error models, noise, priors.", show_default=False, rich_help_panel=RIG),
 ]
+BoardLink = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LINK=COLSxROWS:SQUARE",
+        help="A link that is a board, by its INNER corners, e.g. board=9x6:25mm.",
+        show_default=False,
+        rich_help_panel=RIG,
+    ),
+]
 Model = Annotated[
     ErrorModelName | None,
     typer.Option("--error-model", help="Which errors a joint can have. Default: auto.", show_default=False, rich_help_panel=EXPERT),
@@ -155,7 +164,7 @@ Estimate = Annotated[
     list[Addition] | None,
     typer.Option(
         "--estimate",
-        help="Also estimate the whole placement of the screen, or two or four numbers a beam; repeatable. Default: neither.",
+        help="Also estimate the whole placement of the screen, two or four numbers a beam, or cameras' lenses; repeatable. Default: none.",
         show_default=False,
         rich_help_panel=EXPERT,
     ),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from urdfcal.base.errors import UsageError
+from urdfcal.cli.cells import Cells, toured_in
 from urdfcal.cli.console import Working, finish, say, warn
 from urdfcal.cli.help import EXPERT
 from urdfcal.cli.inputs import (
@@ -29,6 +30,7 @@ from urdfcal.cli.inputs import (
 )
 from urdfcal.cli.options import (
     RIG,
+    BoardLink,
     Json,
     Lasers,
     Overwrite,
@@ -57,18 +59,15 @@ from urdfcal.cli.places import (
 )
 
 if TYPE_CHECKING:
-    from urdfcal.base.geometry import Mask, Matrix
+    from urdfcal.base.geometry import Matrix
     from urdfcal.calibration.rig_file import RigFile
-    from urdfcal.cell.collisions import Cell
     from urdfcal.planning.measuring import Asked
     from urdfcal.planning.plan import PosePlan
     from urdfcal.planning.tour import Tour
     from urdfcal.robot.robot import Robot
 
 _TEST = 5  # every such pose is to test on
-_THROUGH = 300  # free positions that legs may go around by
 _MOST = 200  # poses that --until tries
-_PART = 100  # positions that are looked at for collisions before Ctrl-C is heard
 _SHORT = "interrupted: these are the best poses so far"
 _CUT = "interrupted: legs that were not looked at by then are among those without a way"
 _CHECK = (6, 10)  # poses that tell a later change
@@ -176,15 +175,7 @@ def poses(
         Path | None,
         typer.Option(metavar="YAML", help="Lens that pixels will be read with.", show_default=False, rich_help_panel=RIG),
     ] = None,
-    board: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LINK=COLSxROWS:SQUARE",
-            help="A link that is a board, by its INNER corners, e.g. board=9x6:25mm.",
-            show_default=False,
-            rich_help_panel=RIG,
-        ),
-    ] = None,
+    board: BoardLink = None,
     acceptance_deg: Annotated[
         float | None,
         typer.Option(
@@ -251,7 +242,7 @@ def poses(
             require_marked(place, (made_of,), "result of urdfcal poses from the same files")
     page = page_place(report, f"{arm.description.stem}_poses.html", read, made_of, overwrite, *places)
     earlier = measured(arm, have, rig_file, reference, camera=camera)[1] if have else None
-    cells = _Cells(scene, srdf, clearance_mm, seed) if collisions else None
+    cells = Cells(scene, srdf, clearance_mm, seed) if collisions else None
     wanted: dict[str, Any] = {
         "candidates": candidates,
         "n": n if until_mm is None else min(candidates, _MOST),
@@ -270,7 +261,7 @@ def poses(
     with Working("choosing poses", quiet), until_interrupted() as short:
         plan = _plan(arm, asked, wanted, cells, acceptance_deg)
     with Working("looking at the ways between them", quiet), until_interrupted() as cut:
-        tour = _toured(plan, cells)
+        tour = toured_in(plan, cells)
     say(verbose, about(plan.robot))
     said = [_SHORT] if short() else []
     said += [_CUT] if cut() else []
@@ -369,65 +360,7 @@ def _require_sense(
             raise UsageError(f"{option} is for collisions, which --no-collisions leaves out; use one of the two")
 
 
-class _Cells:
-    """The cell of a robot, made when it is first asked for."""
-
-    def __init__(self, scene: Path | None, srdf: Path | None, clearance_mm: float, seed: int) -> None:
-        self.scene, self.srdf, self.clearance_mm, self.seed = scene, srdf, clearance_mm, seed
-        self.made: Cell | None = None
-        self.known: list[Matrix] = []  # free positions
-
-    def free(self, robot: Robot, q: Matrix) -> Mask:
-        """Which positions the robot may take.
-
-        Raises:
-            UsageError: none of them, and what is in the way.
-        """
-        from urdfcal.base.geometry import MM
-        from urdfcal.cell.collisions import cell_of
-
-        first = self.made is None
-        if self.made is None:
-            self.made = cell_of(robot, scene=self.scene, srdf=self.srdf, clearance=self.clearance_mm * MM, seed=self.seed)
-        free = self._parts_free(q)
-        if first and not free.any():
-            way = self.made.most_in_the_way(q)
-            raise UsageError(f"none of {len(q)} random poses is free: {way} touch in most; --no-collisions does not look")
-        self.known.append(q[free])
-        return free
-
-    def hidden(self, robot: Robot, q: Matrix, begin: Matrix, end: Matrix) -> Mask:
-        """At which positions something stands between two points, in the axes of the chain's base."""
-        from urdfcal.cell.hiding import hidden
-
-        assert self.made is not None  # free was asked first
-        return hidden(self.made, q, begin, end)
-
-    def _parts_free(self, q: Matrix) -> Mask:
-        """The same part by part; what is left when Ctrl-C comes is taken for not free."""
-        import numpy as np
-
-        from urdfcal.base.interrupts import enough
-        from urdfcal.base.progress import counted
-
-        assert self.made is not None
-        free = np.zeros(len(q), dtype=bool)
-        with counted("position", len(q)) as advance:
-            for start in range(0, len(q), _PART):
-                free[start : start + _PART] = self.made.free(q[start : start + _PART])
-                for _ in range(min(_PART, len(q) - start)):
-                    advance()
-                if enough():
-                    break
-        return free
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was left out of it."""
-        return self.made.warnings if self.made is not None else ()
-
-
-def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: _Cells | None, acceptance_deg: float | None) -> PosePlan:
+def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: Cells | None, acceptance_deg: float | None) -> PosePlan:
     from urdfcal.base.geometry import DEG
     from urdfcal.planning.plan import plan_poses
     from urdfcal.sensors.sensor import Sight
@@ -445,20 +378,6 @@ def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: _Cells | None
         hidden=cells.hidden if cells is not None else None,
         **wanted,
     )
-
-
-def _toured(plan: PosePlan, cells: _Cells | None) -> Tour:
-    """The poses in an order that can be driven."""
-    import numpy as np
-
-    from urdfcal.cell.ways import Ways
-    from urdfcal.planning.tour import toured
-
-    home = np.zeros(plan.q.shape[1])
-    if cells is None or cells.made is None:
-        return toured(plan.q, plan.robot, home, None, plan.q[:0])
-    through = np.concatenate(cells.known)[:_THROUGH]
-    return toured(plan.q, plan.robot, home, Ways(cells.made).free_until, through)
 
 
 def _not_driven(tour: Tour, drives: Sequence[Path]) -> list[str]:

@@ -25,6 +25,7 @@ from urdfcal.cli.inputs import (
 )
 from urdfcal.cli.options import (
     RIG,
+    BoardLink,
     Json,
     Lasers,
     NoiseShape,
@@ -178,15 +179,7 @@ def simulate(
             "--rig", metavar="YAML", help="rig.yaml: which links are boards, and the reference.", show_default=False, rich_help_panel=RIG
         ),
     ] = None,
-    board: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LINK=COLSxROWS:SQUARE",
-            help="A link that is a board, by its INNER corners, e.g. board=9x6:25mm.",
-            show_default=False,
-            rich_help_panel=RIG,
-        ),
-    ] = None,
+    board: BoardLink = None,
     pixel_noise_px: Annotated[float, typer.Option(help="Noise of a corner in a picture in px.")] = 0.2,
     places: Annotated[
         int,
