@@ -28,14 +28,12 @@ class Likelihood:
         groups: `translation`, `rotation` or `zero` of each.
         information: L, (k, k).
         vector: h, (k,).
-        constant: Of the log evidence, where errors are counted from somewhere else.
     """
 
     names: tuple[str, ...]
     groups: tuple[str, ...]
     information: Matrix
     vector: Vector
-    constant: float = 0.0
 
     @staticmethod
     def of(
@@ -55,17 +53,9 @@ class Likelihood:
         P: Matrix = np.asarray(np.linalg.inv(self.information + np.diag(1 / variance)), dtype=np.float64)
         return P @ self.vector, P
 
-    def evidence(self, scales: Mapping[str, float]) -> float:
-        """Log evidence of the data, but for a constant."""
-        variance = self.variances(scales)
-        x, P = self.posterior(variance)
-        return 0.5 * (float(np.linalg.slogdet(P)[1]) - float(np.log(variance).sum()) + float(self.vector @ x)) + self.constant
-
-    def about(self, mean: Mapping[str, float]) -> Likelihood:
-        """The same of what is left of the errors beyond a mean, [m] and [rad] by name."""
-        m = np.array([mean.get(name, 0.0) for name in self.names])
-        seen = self.information @ m
-        return replace(self, vector=self.vector - seen, constant=self.constant + float(m @ self.vector - 0.5 * m @ seen))
+    def evidence(self, scales: Mapping[str, float], mean: Mapping[str, float] | None = None) -> float:
+        """Log evidence of the data, but for a constant, under a prior of these scales about a mean, [m] and [rad] by name."""
+        return Alike.stacked([self])[0].about(mean or {}).evidence(scales)
 
     def variances(self, scales: Mapping[str, float]) -> Vector:
         """Of every parameter's group."""
@@ -81,7 +71,7 @@ class Alike:
         groups: Of each.
         information: (r, k, k).
         vector: (r, k).
-        constant: (r,).
+        constant: Of the log evidence, where errors are counted from elsewhere, (r,).
     """
 
     names: tuple[str, ...]
@@ -102,7 +92,7 @@ class Alike:
                 own[0].groups,
                 np.array([each.information for each in own]),
                 np.array([each.vector for each in own]),
-                np.array([each.constant for each in own]),
+                np.zeros(len(own)),
             )
             for names, own in alike.items()
         ]

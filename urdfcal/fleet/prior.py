@@ -42,7 +42,7 @@ def fleet_prior(robots: Mapping[str, Likelihood], model: str = "") -> FleetPrior
     fleet, shared = with_shared(Alike.stacked(list(robots.values())))
     others = _one_by_one(robots, fleet) if len(robots) <= _EXACTLY else _at_once(robots, fleet)
     usual = {name: own.evidence(USUAL) for name, own in robots.items()}
-    gains = {name: robots[name].about(mean).evidence(USUAL | scales) - usual[name] for name, (scales, mean) in others.items()}
+    gains = {name: robots[name].evidence(USUAL | scales, mean) - usual[name] for name, (scales, mean) in others.items()}
     return FleetPrior(for_the_next(fleet.about, fleet.scales, fleet.counts), fleet.counts, gains, shared, model)
 
 
