@@ -125,7 +125,7 @@ def words_of_sensors() -> set[str]:
 ASKS_BY_NAME = {
     "urdfcal.model.options": "priors in a file are in mm or deg",
     "urdfcal.calibration.rig_file": "the squares of a board are in mm or m",
-    "urdfcal.cli.inputs": "--spot-sigma-mm is the spots' own",
+    "urdfcal.cli.measured": "--spot-sigma-mm is the spots' own",
     "urdfcal.vision.bench.beams": "columns of a bench are in mm or m",
     "urdfcal.output.view.screen": "a node of the scene is called so",
     "urdfcal.output.view.key_frames": "figures in mm go first",

@@ -9,7 +9,8 @@ import typer
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, beside_note, expanded_note, lacking, listed, load, stored_calibration
+from urdfcal.cli.inputs import lacking, load, stored_calibration
+from urdfcal.cli.notes import about, beside_note, expanded_note, listed
 from urdfcal.cli.onto_other import put_onto
 from urdfcal.cli.options import (
     AddFrames,

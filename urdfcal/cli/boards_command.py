@@ -10,7 +10,7 @@ import typer
 
 from urdfcal.base.errors import InputError
 from urdfcal.cli.console import ProgressBar, finish, warn
-from urdfcal.cli.inputs import listed
+from urdfcal.cli.notes import listed
 from urdfcal.cli.options import Json, Overwrite, Quiet
 from urdfcal.cli.places import MEASUREMENTS, STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place
 

@@ -9,7 +9,8 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import Working, show, warn
-from urdfcal.cli.inputs import listed, load, stored_calibration
+from urdfcal.cli.inputs import load, stored_calibration
+from urdfcal.cli.notes import listed
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, named, page_place, require_no_json, require_places, stated_file, stated_place, told
 

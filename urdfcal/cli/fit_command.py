@@ -11,28 +11,9 @@ import typer
 from urdfcal.base.errors import FitRejected, UsageError
 from urdfcal.cli.console import Working, say, show, warn
 from urdfcal.cli.help import EXPERT
-from urdfcal.cli.inputs import (
-    about,
-    beside_note,
-    by_the_data,
-    earlier_joints,
-    expanded_note,
-    fleets_prior,
-    forgotten_branch,
-    joint_noise,
-    listed,
-    load,
-    measured,
-    positive,
-    priors_of,
-    require_ends_for,
-    require_lasers_for,
-    require_priors_used,
-    rig_file_of,
-    rig_options,
-    sensor_noise,
-    with_shared,
-)
+from urdfcal.cli.inputs import earlier_joints, forgotten_branch, load
+from urdfcal.cli.measured import joint_noise, measured, require_ends_for, require_lasers_for, rig_file_of, rig_options, sensor_noise
+from urdfcal.cli.notes import about, beside_note, expanded_note, listed
 from urdfcal.cli.options import (
     OUTPUT,
     AddFrames,
@@ -79,6 +60,8 @@ from urdfcal.cli.options import (
     chosen,
 )
 from urdfcal.cli.places import deliver, require_no_json, require_places, stated_file, stated_place, told
+from urdfcal.cli.priors import by_the_data, fleets_prior, priors_of, require_priors_used, with_shared
+from urdfcal.cli.stated import positive
 
 if TYPE_CHECKING:
     import numpy as np

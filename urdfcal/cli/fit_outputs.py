@@ -14,7 +14,7 @@ from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.files import is_yaml, sha256
 from urdfcal.base.version import __version__
 from urdfcal.cli.console import Working, say
-from urdfcal.cli.inputs import listed
+from urdfcal.cli.notes import listed
 from urdfcal.cli.places import STDOUT, named
 from urdfcal.estimation.evidence import LEAST_POSES
 from urdfcal.model.gravity import Gravity, parse_gravity, parse_payload

@@ -10,20 +10,9 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import Working, say, show, warn
 from urdfcal.cli.help import EXPERT
-from urdfcal.cli.inputs import (
-    about,
-    joint_noise,
-    load,
-    measured,
-    priors_of,
-    require_ends_for,
-    require_lasers_for,
-    require_priors_used,
-    rig_file_of,
-    rig_options,
-    sensor_noise,
-    with_calibration,
-)
+from urdfcal.cli.inputs import load, with_calibration
+from urdfcal.cli.measured import joint_noise, measured, require_ends_for, require_lasers_for, rig_file_of, rig_options, sensor_noise
+from urdfcal.cli.notes import about
 from urdfcal.cli.options import (
     CameraOption,
     DataFile,
@@ -53,6 +42,7 @@ from urdfcal.cli.options import (
     XacroLimits,
     chosen,
 )
+from urdfcal.cli.priors import priors_of, require_priors_used
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from urdfcal.cli.console import say, show, warn
-from urdfcal.cli.inputs import about, load, measured, rig_file_of
+from urdfcal.cli.inputs import load
+from urdfcal.cli.measured import measured, rig_file_of
+from urdfcal.cli.notes import about
 from urdfcal.cli.options import (
     CameraOption,
     DataFile,

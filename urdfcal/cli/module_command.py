@@ -10,9 +10,10 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.base.files import YAML_ENDINGS
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import load, positive
+from urdfcal.cli.inputs import load
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.stated import positive
 
 
 def module(

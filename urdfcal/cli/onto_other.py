@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import lacking, listed
+from urdfcal.cli.inputs import lacking
+from urdfcal.cli.notes import listed
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_places, told
 
 if TYPE_CHECKING:

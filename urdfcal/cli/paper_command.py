@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from urdfcal.cli.console import ProgressBar, say, show
-from urdfcal.cli.inputs import about, listed, load, papers_arm
+from urdfcal.cli.inputs import load, papers_arm
+from urdfcal.cli.notes import about, listed
 from urdfcal.cli.options import (
     OUTPUT,
     Json,

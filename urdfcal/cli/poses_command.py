@@ -14,20 +14,9 @@ from urdfcal.base.errors import UsageError
 from urdfcal.cli.cells import Cells, toured_in
 from urdfcal.cli.console import Working, finish, say, warn
 from urdfcal.cli.help import EXPERT
-from urdfcal.cli.inputs import (
-    about,
-    camera_of,
-    listed,
-    load,
-    measured,
-    positive,
-    require_boards,
-    rig_file_of,
-    rig_options,
-    stated_area,
-    stations_of,
-    with_board,
-)
+from urdfcal.cli.inputs import load
+from urdfcal.cli.measured import camera_of, measured, require_boards, rig_file_of, rig_options, stations_of, with_board
+from urdfcal.cli.notes import about, listed
 from urdfcal.cli.options import (
     RIG,
     BoardLink,
@@ -57,6 +46,7 @@ from urdfcal.cli.places import (
     stated_place,
     told,
 )
+from urdfcal.cli.stated import positive, stated_area
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix

@@ -9,9 +9,11 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import about, load, positive, stated_area, with_calibration
+from urdfcal.cli.inputs import load, with_calibration
+from urdfcal.cli.notes import about
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, RobotFile, Screen, Seed, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import deliver, require_places
+from urdfcal.cli.stated import positive, stated_area
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix

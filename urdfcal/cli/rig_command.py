@@ -11,9 +11,11 @@ import typer
 
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import expanded_note, listed, load, metres_of, numbers_of, parsed_grid, stated_size
+from urdfcal.cli.inputs import load
+from urdfcal.cli.notes import expanded_note, listed
 from urdfcal.cli.options import Json, Overwrite, PackageDirs, Quiet, RobotFile, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import STDOUT, deliver, named, require_ending, require_no_json, require_places, stated_place, told
+from urdfcal.cli.stated import metres_of, numbers_of, parsed_grid, stated_size
 
 if TYPE_CHECKING:
     from urdfcal.robot.added_rig import Piece, Stand

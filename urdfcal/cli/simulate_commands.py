@@ -12,17 +12,9 @@ import typer
 from urdfcal.base.errors import UsageError
 from urdfcal.cli.console import finish, say, warn
 from urdfcal.cli.help import EXPERT, OurCommand
-from urdfcal.cli.inputs import (
-    about,
-    camera_of,
-    listed,
-    load,
-    require_boards,
-    rig_file_of,
-    stated_area,
-    stations_of,
-    with_board,
-)
+from urdfcal.cli.inputs import load
+from urdfcal.cli.measured import camera_of, require_boards, rig_file_of, stations_of, with_board
+from urdfcal.cli.notes import about, listed
 from urdfcal.cli.options import (
     RIG,
     BoardLink,
@@ -53,6 +45,7 @@ from urdfcal.cli.places import (
     require_places,
     stated_place,
 )
+from urdfcal.cli.stated import stated_area
 
 if TYPE_CHECKING:
     from urdfcal.calibration.rig_file import RigFile

@@ -9,9 +9,11 @@ import typer
 
 from urdfcal.base.errors import UsageError, did_you_mean
 from urdfcal.cli.console import ProgressBar, finish, say, warn
-from urdfcal.cli.inputs import listed, load, positive
+from urdfcal.cli.inputs import load
+from urdfcal.cli.notes import listed
 from urdfcal.cli.options import Json, Lasers, Overwrite, PackageDirs, Quiet, Screen, Verbose, XacroArgs, XacroLimits
 from urdfcal.cli.places import MEASUREMENTS, deliver, named, require_ending, require_no_json, require_places, stated_place
+from urdfcal.cli.stated import positive
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Array3

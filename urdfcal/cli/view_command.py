@@ -11,7 +11,9 @@ import typer
 
 from urdfcal.base.errors import CalibrationFileError, UsageError
 from urdfcal.cli.console import finish, say, warn
-from urdfcal.cli.inputs import about, load, measured, rig_file_of, with_calibration
+from urdfcal.cli.inputs import load, with_calibration
+from urdfcal.cli.measured import measured, rig_file_of
+from urdfcal.cli.notes import about
 from urdfcal.cli.options import (
     CameraOption,
     Json,
