@@ -24,9 +24,9 @@ from urdfcal.calibration.analysis.prediction import default_tool
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.analysis.validation import holdout, kfold
 from urdfcal.calibration.analysis.verdict import Verdict, verdict_of
-from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.result import FitResult, corrected_camera, refined_cameras
 from urdfcal.calibration.start.nominal import evaluate, held_instruments
+from urdfcal.calibration.tested import with_test
 from urdfcal.model.gravity import Gravity
 from urdfcal.model.options import ModelOptions
 from urdfcal.model.parameters import PriorScale

@@ -15,9 +15,9 @@ from tests.support.helpers import assert_poses_close
 from urdfcal.api import fit
 from urdfcal.base.errors import FitRejected, RobotError, ShapeMismatch, UsageError
 from urdfcal.calibration.error_table import rms_of
-from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.reach import ScreenArea, draw_poses
 from urdfcal.calibration.start.nominal import evaluate
+from urdfcal.calibration.tested import with_test
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions, ParameterPrior

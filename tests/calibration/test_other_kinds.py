@@ -15,7 +15,7 @@ from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import MM
 from urdfcal.calibration.analysis.clusters import worst_clusters
 from urdfcal.calibration.analysis.validation import coverage_warnings
-from urdfcal.calibration.fitting import with_test
+from urdfcal.calibration.tested import with_test
 from urdfcal.estimation.noise import Noise
 from urdfcal.output.report.residuals import residuals_of
 from urdfcal.robot.robot import Robot

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import urdfcal
 from tests.benchmarks.outliers import with_outliers
 from urdfcal.api import Calibration, fit
 from urdfcal.base.geometry import MM, Mask
@@ -22,6 +21,7 @@ from urdfcal.calibration.analysis.concerns import (
 )
 from urdfcal.calibration.analysis.validation import kfold
 from urdfcal.calibration.reach import draw_poses
+from urdfcal.calibration.tested import with_test
 from urdfcal.robot.robot import Robot
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.simulation.readings import SimulatedNoise, simulate
@@ -69,7 +69,7 @@ def test_a_cluster_where_the_nominal_robot_is_right_is_found(healthy: Calibratio
     test = measured.subset(np.arange(140) >= FITTED)
     rows = near(test, 8)
     spoilt = as_nominal_has_it(healthy, test, rows)
-    cluster = worst_clusters(urdfcal.api.with_test(healthy, spoilt))[0]
+    cluster = worst_clusters(with_test(healthy, spoilt))[0]
     named = {test.where(int(row)) for row in np.flatnonzero(rows)}
     assert len(named & set(cluster.poses)) >= 4
     off = np.linalg.norm((healthy.nominal.linearise(test).residual[:, :2])[rows], axis=1)
@@ -114,7 +114,7 @@ def test_a_farthest_pose_that_is_no_nearer_is_said(healthy: Calibration) -> None
     assert healthy.test_data is not None
     spots = healthy.test_data.spots.copy()
     spots[5, 0] += -0.05 * np.sign(healthy.nominal.linearise(healthy.test_data).residual[5, :2])
-    found = urdfcal.api.with_test(healthy, healthy.test_data.with_spots(spots))
+    found = with_test(healthy, healthy.test_data.with_spots(spots))
     after, before = pose_distances(found)
     assert (worst_poses(found) != ()) == (after.max() > before.max() + 1e-3)
     assert found.test_outliers

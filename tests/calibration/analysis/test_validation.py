@@ -12,10 +12,10 @@ from urdfcal.api import Calibration, fit
 from urdfcal.base.errors import UsageError
 from urdfcal.calibration.analysis.validation import _left_out_residuals, _much_worse, coverage_warnings, holdout, kfold
 from urdfcal.calibration.error_table import rms_of
-from urdfcal.calibration.fitting import with_test
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.calibration.start.nominal import evaluate
+from urdfcal.calibration.tested import with_test
 from urdfcal.estimation.noise import Noise
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.options import ModelOptions
