@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, wraps
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -39,7 +40,6 @@ from urdfcal.output.stored import apply as put_on
 from urdfcal.output.text.check import check_blocks
 from urdfcal.output.text.comparison import comparison_blocks, in_short
 from urdfcal.output.text.result import text_report
-from urdfcal.planning.plan import PosePlan, plan_poses
 from urdfcal.robot.corrections import Applicable
 from urdfcal.robot.placed_frames import NO_FRAMES, FramesWish, frame_origins
 from urdfcal.robot.robot import Robot, with_text
@@ -49,7 +49,6 @@ from urdfcal.sensors.columns import Stations
 from urdfcal.sensors.in_memory import measurements_from
 from urdfcal.sensors.measurements import Measurements
 from urdfcal.sensors.measurements_csv import read_measurements, write_measurements
-from urdfcal.simulation.simulated import Simulation, simulate
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -58,7 +57,10 @@ if TYPE_CHECKING:
 
     from urdfcal.deploy.false_targets import FalseTargets
     from urdfcal.output.view.viewer import View
+    from urdfcal.planning.plan import PosePlan, plan_poses
+    from urdfcal.planning.plan import plan_poses as plan
     from urdfcal.sensors.camera import Camera
+    from urdfcal.simulation.simulated import Simulation, simulate
 
 
 __all__ = [
@@ -105,7 +107,19 @@ P = ParamSpec("P")
 F = TypeVar("F")
 T = TypeVar("T")
 
-plan = plan_poses
+_LATER = {
+    **dict.fromkeys(("PosePlan", "plan_poses"), "urdfcal.planning.plan"),
+    **dict.fromkeys(("Simulation", "simulate"), "urdfcal.simulation.simulated"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """What a fit does not need, loaded when it is first asked for."""
+    if name == "plan":
+        return __getattr__("plan_poses")
+    if name not in _LATER:
+        raise AttributeError(f"module 'urdfcal.api' has no attribute '{name}'")
+    return getattr(import_module(_LATER[name]), name)
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,6 +1,7 @@
 """Does a fit name what its model lacks, and do its intervals hold all the same?
 
     python tests/benchmarks/asking.py [--robots panda ur5 tiago] [--what sag drift ...] [--seeds N] [--poses N] [--times T ...]
+        [--jobs N] [--resume FOLDER]
 
 Simulated arms with errors of 1 mm and 0.1 deg in every direction of every joint that do one thing beside (`tests/support/disturbed.py`:
 its usual sizes, times T): Panda with lasers (0.5 mm), UR5 with points (0.1 mm), TIAGo with poses (0.1 mm, 0.02 deg). *first*, *second*:
@@ -15,8 +16,8 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -26,6 +27,7 @@ import numpy as np
 
 import urdfcal
 from tests.support.disturbed import HARMONIC, USUAL, DisturbedArm, disturbed_arm, held_and_off
+from tests.support.studies import over, with_jobs
 from urdfcal.api import Calibration
 from urdfcal.base.geometry import MM
 from urdfcal.calibration.analysis.sag import fit_sag
@@ -72,19 +74,17 @@ def told(arm: DisturbedArm, what: str, found: Calibration) -> float:
     return held_and_off(errors, fit.belief.x, fit.belief.P, arm)[1]
 
 
-def sets(name: str, what: str, times: float, arguments: argparse.Namespace) -> Iterator[tuple[float, ...]]:
-    """Of each set: named first, or second; share held and mean square of the URDF and of the pair; mean square of a told fit."""
-    robot = urdfcal.load_robot(ROBOTS / name / f"{name}.urdf.xacro")
-    for seed in range(arguments.first, arguments.first + arguments.seeds):
-        arm = disturbed_arm(robot, SENSORS[name], what, seed, times=times, poses=arguments.poses)
-        found = urdfcal.fit(arm.robot, arm.fit)
-        names = [own.what for own in found.stands_out[:2]]
-        held, square = held_and_off(found.errors, found.x, found.covariance, arm)
-        pair = (np.nan, np.nan)
-        if any(not own.entered for own in found.stands_out) and (joint := fit_sag(found, folds=0, compare_directions=False)) is not None:
-            pair = held_and_off(joint.errors, joint.estimate.belief.x, joint.estimate.belief.P, arm)
-        own = WHAT.get(what, what)
-        yield float(names[:1] == [own]), float(own in names), held, square, *pair, told(arm, what, found), float(bool(names))
+def run(robot: urdfcal.Robot, sensor: str, what: str, times: float, poses: int, seed: int) -> tuple[float, ...]:
+    """Named first, or second; share held and mean square of the URDF and of the pair; mean square of a told fit; anything named."""
+    arm = disturbed_arm(robot, sensor, what, seed, times=times, poses=poses)
+    found = urdfcal.fit(arm.robot, arm.fit)
+    names = [own.what for own in found.stands_out[:2]]
+    held, square = held_and_off(found.errors, found.x, found.covariance, arm)
+    pair = (np.nan, np.nan)
+    if any(not own.entered for own in found.stands_out) and (joint := fit_sag(found, folds=0, compare_directions=False)) is not None:
+        pair = held_and_off(joint.errors, joint.estimate.belief.x, joint.estimate.belief.P, arm)
+    own = WHAT.get(what, what)
+    return float(names[:1] == [own]), float(own in names), held, square, *pair, told(arm, what, found), float(bool(names))
 
 
 def main() -> None:
@@ -96,12 +96,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20, help="sets of each (default 20)")
     parser.add_argument("--first", type=int, default=0, help="first seed (default 0)")
     parser.add_argument("--poses", type=int, default=60, help="poses of a set (default 60)")
+    with_jobs(parser)
     arguments = parser.parse_args()
     print("robot  what            times  sets  first  second  RMS mm  pair mm  over told  hold  pair holds")
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
     for name in arguments.robots:
+        robot = urdfcal.load_robot(ROBOTS / name / f"{name}.urdf.xacro")
         for what in arguments.what:
             for times in arguments.times if what != "none" else [1.0]:
-                table = np.array(list(sets(name, what, times, arguments)))
+                table = np.array(over(partial(run, robot, SENSORS[name], what, times, arguments.poses), seeds, arguments))
                 first, second, held, square, pair_held, pair_square, told_square, named = table.T
                 best = np.fmin(square, pair_square) if what not in (*RIGS, "joint_noise", "none") else square
                 pairs = f"{np.sqrt(np.nanmean(pair_square)) / MM:8.3f}" if np.isfinite(pair_square).any() else " " * 8

@@ -1,6 +1,6 @@
 """Spots that state their own noise, rightly or not: what is found beyond it, and do the sigmas hold the truth?
 
-    python tests/benchmarks/columns.py [--seeds N] [--poses N]
+    python tests/benchmarks/columns.py [--seeds N] [--poses N] [--jobs N] [--resume FOLDER]
 
 A Panda with Gaussian errors of 2 mm and 0.2 deg; what a column states is drawn for every spot, evenly on a logarithmic scale.
 """
@@ -8,11 +8,16 @@ A Panda with Gaussian errors of 2 mm and 0.2 deg; what a column states is drawn 
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import fit
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.reach import draw_poses
@@ -68,10 +73,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=60)
     parser.add_argument("--poses", type=int, default=60)
+    with_jobs(parser)
     arguments = parser.parse_args()
     robot = load_robot(PANDA)
     for name, case in CASES.items():
-        held, rms, added = np.array([tried(robot, case, arguments.poses, seed) for seed in range(arguments.seeds)]).T
+        held, rms, added = np.array(over(partial(tried, robot, case, arguments.poses), range(arguments.seeds), arguments)).T
         print(
             f"{name:26s} parameters in 95 %: {held.mean():6.1%}, error over sigma {np.sqrt(np.mean(rms**2)):.2f}; "
             f"noise was added {np.count_nonzero(added)} of {len(added)} times, {added.mean():.3f} mm on average",

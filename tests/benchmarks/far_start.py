@@ -1,5 +1,7 @@
 """Convergence from afar: screen and module placed only roughly, joints 20 mm and 3 deg off. Does `fit` reach the answer?
 
+    python tests/benchmarks/far_start.py [--seeds N] [--poses N] [--jobs N] [--resume FOLDER] [-v]
+
 Truths: Gaussian joint parameters; screen and module off by a given distance and angle in random directions. On a rig whose screen has
 no placement of its own, the joint parameters that stand for it are off instead. The nominal robot is where `fit` starts. *Same answer*:
 it agrees to 1e-3 of every sigma with the filter that starts from the truth, on the spots that `fit` kept and under the priors and the
@@ -10,14 +12,19 @@ share of the good spots that were left out, all starts together. Spots have no o
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM, Mask
 from urdfcal.calibration.problem import Problem
@@ -35,6 +42,19 @@ Array = npt.NDArray[np.float64]
 CASES = (("panda", ()), ("ur5", ()), ("arm7", ("screen",)), ("arm7", ()))
 
 
+@dataclass(frozen=True)
+class Start:
+    """How far off all is, how noisy spots are, the share of bad ones, and how many poses."""
+
+    mm: float
+    deg: float
+    joint_mm: float
+    joint_deg: float
+    noise_mm: float
+    outliers: float
+    poses: int
+
+
 def off(errors: ErrorModel, columns: Array, mm: float, deg: float, rng: np.random.Generator) -> Array:
     """A displacement of given length and angle in a random direction."""
     value = rng.normal(size=len(columns))
@@ -44,21 +64,19 @@ def off(errors: ErrorModel, columns: Array, mm: float, deg: float, rng: np.rando
     return value
 
 
-def draw_truth(errors: ErrorModel, arguments: argparse.Namespace, rng: np.random.Generator) -> Array:
+def draw_truth(errors: ErrorModel, start: Start, rng: np.random.Generator) -> Array:
     """Joints by chance, screen and module as far off as asked for."""
-    x = rng.normal(0, np.where(np.array(errors.units) == "m", arguments.joint_mm * MM, arguments.joint_deg * DEG))
+    x = rng.normal(0, np.where(np.array(errors.units) == "m", start.joint_mm * MM, start.joint_deg * DEG))
     for columns in rig_columns(errors):
-        x[columns] = off(errors, columns, arguments.mm, arguments.deg, rng)
+        x[columns] = off(errors, columns, start.mm, start.deg, rng)
     return x
 
 
-def measured(
-    robot: urdfcal.Robot, errors: ErrorModel, x: Array, arguments: argparse.Namespace, rng: np.random.Generator
-) -> tuple[Measurements, Mask]:
+def measured(robot: urdfcal.Robot, errors: ErrorModel, x: Array, start: Start, rng: np.random.Generator) -> tuple[Measurements, Mask]:
     """Noisy spots of the true robot, some of them gross outliers, and which are not."""
-    q = draw_poses(robot, errors, x, arguments.poses, rng)
-    data = simulate(robot, errors, x, q, rng, SimulatedNoise(arguments.noise_mm * MM))
-    bad = rng.random(data.seen.shape) < arguments.outliers
+    q = draw_poses(robot, errors, x, start.poses, rng)
+    data = simulate(robot, errors, x, q, rng, SimulatedNoise(start.noise_mm * MM))
+    bad = rng.random(data.seen.shape) < start.outliers
     spots = data.spots + bad[..., None] * rng.uniform(-200 * MM, 200 * MM, data.spots.shape)
     return urdfcal.measurements_from(robot, data.q, spots), ~bad
 
@@ -82,12 +100,12 @@ def from_the_truth(found: urdfcal.Calibration, x: Array) -> Estimate:
     return iterated_schedule(Problem(errors, found.data).linearise, Belief(errors.mean, np.diag(errors.sigma**2)), noise, start=x)
 
 
-def run(robot: urdfcal.Robot, errors: ErrorModel, estimate: tuple[str, ...], arguments: argparse.Namespace, seed: int) -> Run | None:
+def run(robot: urdfcal.Robot, errors: ErrorModel, estimate: tuple[str, ...], start: Start, seed: int) -> Run | None:
     """One start; None where the beams of such a robot hardly ever meet this screen."""
     rng = np.random.default_rng(seed)
-    x = draw_truth(errors, arguments, rng)
+    x = draw_truth(errors, start, rng)
     try:
-        data, good = measured(robot, errors, x, arguments, rng)
+        data, good = measured(robot, errors, x, start, rng)
     except UsageError:
         return None
     at = time.perf_counter()
@@ -124,17 +142,21 @@ def main() -> None:
     parser.add_argument("--outliers", type=float, default=0.0, help="share of spots up to 200 mm off (default 0)")
     parser.add_argument("--poses", type=int, default=60, help="how many poses (default 60)")
     parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
+    with_jobs(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="name the seeds that fail")
     arguments = parser.parse_args()
+    start = Start(
+        arguments.mm, arguments.deg, arguments.joint_mm, arguments.joint_deg, arguments.noise_mm, arguments.outliers, arguments.poses
+    )
     print(f"{'robot':16s}{'starts':>7s}{'same answer':>13s}{'refused':>9s}{'widened':>9s}{'lost':>8s}{'fit [ms]':>14s}{'sweeps':>8s}")
     for name, estimate in CASES:
         robot = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro")
         errors = build_error_model(robot.chain, robot.rig, ModelOptions(estimate=estimate))
-        runs = {seed: found for seed in range(arguments.seeds) if (found := run(robot, errors, estimate, arguments, seed)) is not None}
-        for seed, found in runs.items():
-            if arguments.verbose and not found.same:
+        runs = over(partial(run, robot, errors, estimate, start), range(arguments.seeds), arguments)
+        for seed, found in enumerate(runs):
+            if arguments.verbose and found is not None and not found.same:
                 print(f"  seed {seed}: {found.words}")
-        print(row(" +".join((name, *estimate)), list(runs.values())), flush=True)
+        print(row(" +".join((name, *estimate)), [found for found in runs if found is not None]), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Do the covariances of frames keep their promise? Where instruments and targets are said to be, against where they were put.
 
-    python tests/benchmarks/frames.py [--sets N] [--poses N] [--case NAME] [--six]
+    python tests/benchmarks/frames.py [--sets N] [--poses N] [--case NAME] [--six] [--jobs N] [--resume FOLDER]
 
 Robots with errors of 2 mm and 0.2 deg in the parameters of the automatic model, so that the truth is told in the gauge of the fit; the
 scales of the joints' priors are chosen by the fit. With `--six` they are wrong in all six directions of every joint, and the truth is what
@@ -13,9 +13,13 @@ predicts of target and instrument, at the poses that were fitted.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +27,7 @@ import pinocchio as pin
 from scipy.stats import chi2
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.problem import Problem
 from urdfcal.model.found_frames import found_frames
@@ -90,8 +95,8 @@ class Tally:
         )
 
 
-def one_set(case: Case, poses: int, seed: int, tally: Tally) -> None:
-    """Simulate, fit, compare, and read the written URDF."""
+def run(case: Case, poses: int, seed: int) -> tuple[list[tuple[FoundFrame, FoundFrame]], float]:
+    """Simulate and fit: every frame, true and found; and by how much the written URDF is read differently, [m]."""
     rng = np.random.default_rng(seed)
     robot = urdfcal.load_robot(ROBOTS / case.robot / f"{case.robot}.urdf.xacro")
     sensors, _ = parse_sensors(case.sensors, robot, 0, case.boards)
@@ -102,10 +107,8 @@ def one_set(case: Case, poses: int, seed: int, tally: Tally) -> None:
     setup, found = simulated_by(seen, errors, x, sensors, (poses, 0), rng, NOISE, area=ScreenArea(3.0), camera=camera, boards=case.boards)
     calibration = urdfcal.fit(robot, found.data)
     truth = in_gauge(setup, robot, poses, seed) if case.six else true_frames(setup)
-    for true, own in zip(truth, calibration.frames, strict=True):
-        assert true.child == own.child
-        tally.add(true, own)
-    tally.off = max(tally.off, read_back(calibration))
+    assert [true.child for true in truth] == [own.child for own in calibration.frames]
+    return list(zip(truth, calibration.frames, strict=True)), read_back(calibration)
 
 
 def true_frames(setup: SimulatedSetup) -> tuple[FoundFrame, ...]:
@@ -152,6 +155,7 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=40)
     parser.add_argument("--case", default="")
     parser.add_argument("--six", action="store_true")
+    with_jobs(parser)
     asked = parser.parse_args()
     print(f"{asked.sets} sets of {asked.poses} poses\n")
     print(f"{'':40} {'frame':20} hold  whole  error mm  sigma mm  error deg  sigma deg")
@@ -160,8 +164,10 @@ def main() -> None:
         if asked.case not in name:
             continue
         tally = Tally()
-        for seed in range(asked.sets):
-            one_set(replace(case, six=asked.six), asked.poses, seed, tally)
+        for frames, off in over(partial(run, replace(case, six=asked.six), asked.poses), range(asked.sets), asked):
+            tally.off = max(tally.off, off)
+            for true, own in frames:
+                tally.add(true, own)
         for child, own in tally.held.items():
             sizes = np.sqrt(np.mean(np.array(tally.squares[child]), axis=0)) / [MM, MM, DEG, DEG]
             figures = "  ".join(f"{size:8.4f}" for size in sizes)

@@ -1,6 +1,6 @@
 """Do the printed sigmas keep their promise? Many simulated robots whose errors are drawn from the priors of the fit.
 
-    python tests/benchmarks/intervals.py [--sets N] [--joint-deg SIGMA] [--no-gate]
+    python tests/benchmarks/intervals.py [--sets N] [--joint-deg SIGMA] [--no-gate] [--jobs N] [--resume FOLDER]
 
 *Parameters*: how often the 95 % intervals of determined parameters hold the truth, pooled, and of the worst single one. *Spots*: the
 same of the coordinates of noise-free spots at unseen poses, by the covariance of the parameters alone; and their mean squared distance
@@ -14,15 +14,21 @@ noise is stated half or twice as large as it is; in all other fits it is estimat
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.analysis.prediction import spot_jacobians, spot_sigma
@@ -84,7 +90,7 @@ class Simulated:
 
 @dataclass
 class Tally:
-    """What many sets of one robot said.
+    """What sets of one robot said.
 
     Attributes:
         names: Of the parameters.
@@ -168,6 +174,30 @@ def wrongly_stated(study: Study, one: Simulated, tally: Tally) -> None:
         tally.notes[f"speaks at {factor:g} times"] += said
 
 
+def run(study: Study, flat: str, seed: int) -> Tally:
+    """One set; `flat` is the error model of the fit without priors."""
+    rng, tally = np.random.default_rng(seed), Tally()
+    one = drawn(study, "auto", rng)
+    under_priors(study, one, tally)
+    wrongly_stated(study, one, tally)
+    without_priors(study, one if flat == "auto" else drawn(study, flat, rng), tally, flat)
+    return tally
+
+
+def together(tallies: Sequence[Tally]) -> Tally:
+    """All sets in one."""
+    every = Tally(tallies[0].names)
+    for own in tallies:
+        every.inside += own.inside
+        every.spots += own.spots
+        every.distance += own.distance
+        every.nees += own.nees
+        every.flat += own.flat
+        every.noise += own.noise
+        every.notes.update(own.notes)
+    return every
+
+
 def standing(values: list[tuple[float, int]]) -> str:
     """Mean of squares that should be chi-squared beside its expectation, and how far off in standard deviations of such a mean."""
     squares, freedom = np.array(values, dtype=float).T
@@ -200,19 +230,14 @@ def main() -> None:
     parser.add_argument("--flat-model", default="auto", help="error model of the fits without priors (default auto)")
     parser.add_argument("--evidence", action="store_true", help="let the fit choose the scales of the joints' priors")
     parser.add_argument("--no-gate", action="store_true", help="leave the outlier gate off")
+    with_jobs(parser)
     arguments = parser.parse_args()
-    begun, tallies, flat = time.perf_counter(), [], arguments.flat_model
+    begun, flat, tallies = time.perf_counter(), arguments.flat_model, list[Tally]()
     for name in arguments.robots:
         robot = urdfcal.load_robot(ROBOTS / name / f"{name}.urdf.xacro")
-        study, tally = Study(robot, arguments.poses, arguments.joint_deg * DEG, not arguments.no_gate, arguments.evidence), Tally()
-        for seed in range(arguments.sets):
-            rng = np.random.default_rng(seed)
-            one = drawn(study, "auto", rng)
-            under_priors(study, one, tally)
-            wrongly_stated(study, one, tally)
-            without_priors(study, one if flat == "auto" else drawn(study, flat, rng), tally, flat)
-        report(name, tally)
-        tallies.append(tally)
+        study = Study(robot, arguments.poses, arguments.joint_deg * DEG, not arguments.no_gate, arguments.evidence)
+        tallies.append(together(over(partial(run, study, flat), range(arguments.sets), arguments)))
+        report(name, tallies[-1])
     pooled = np.concatenate([np.ravel(tally.inside) for tally in tallies])
     spots = np.concatenate([tally.spots for tally in tallies])
     print(f"all: parameters {np.nanmean(pooled):.2%} of {np.isfinite(pooled).sum()}, spots {spots.mean():.2%}", end="; ")

@@ -1,5 +1,7 @@
 """Mistaken measurements: does `fit` name each kind of mistake, and leave healthy data alone?
 
+    python tests/benchmarks/mistakes.py [--seeds N] [--healthy N] [--jobs N] [--resume FOLDER]
+
 Truths of mistaken sets: Gaussian errors of 3 mm and 0.3 deg on the parameters that fit has. Truths of healthy sets: by turns 1 mm and
 0.1 deg, 10 mm and 1 deg, and these with 20 % of the spots up to 200 mm off; by turns on the parameters of fit and in all six
 directions of every joint, mount and screen. Mistakes of one joint take the joints in turn. *named*: `fit` refused the data and said
@@ -11,17 +13,22 @@ an alarm where the data are healthy.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.gauge import build_error_model
@@ -127,31 +134,32 @@ def mistakes(joints: int) -> dict[str, list[Mistake]]:
     }
 
 
-def tried(robot: urdfcal.Robot, variants: list[Mistake], arguments: argparse.Namespace, times: list[float]) -> Counter[str]:
-    """How often a kind of mistake was named, and what was said in place of it."""
-    tally: Counter[str] = Counter()
-    for seed in range(arguments.seeds):
-        data = drawn(robot, (3, 0.3, arguments.outliers), False, arguments.poses, seed)
+@dataclass(frozen=True)
+class Answer:
+    """What `fit` made of one mistake: the verdict, the mistake, the words it used and how long it took, [s]."""
+
+    verdict: str
+    mistake: str
+    said: str
+    seconds: float
+
+
+def tried(robot: urdfcal.Robot, poses: int, outliers: float, seed: int) -> dict[str, Answer]:
+    """What is made of one set with each kind of mistake."""
+    data, answers = drawn(robot, (3, 0.3, outliers), False, poses, seed), {}
+    for kind, variants in mistakes(len(robot.chain.inputs)).items():
         wrong, words = variants[seed % len(variants)](data)
         verdict, said, seconds = said_of(robot, wrong)
-        times.append(seconds)
         if verdict == "refused":
             verdict = "named" if words in said else "other"
-        tally[verdict] += 1
-        if arguments.verbose and verdict != "named":
-            print(f"    {words}, seed {seed}, {verdict}: {said or 'nothing said'}")
-    return tally
+        answers[kind] = Answer(verdict, words, said, seconds)
+    return answers
 
 
-def alarms(robot: urdfcal.Robot, arguments: argparse.Namespace) -> list[str]:
-    """What was said of healthy sets, where anything was."""
-    said = []
-    for seed in range(arguments.healthy):
-        data = drawn(robot, HEALTHY[seed % 3], bool(seed // 3 % 2), arguments.poses, 1000 + seed)
-        verdict, words, _ = said_of(robot, data)
-        if verdict != "silent":
-            said.append(f"set {seed}, {verdict}: {words}")
-    return said
+def alarm(robot: urdfcal.Robot, poses: int, seed: int) -> str:
+    """What was said of a healthy set, empty where nothing was."""
+    verdict, words, _ = said_of(robot, drawn(robot, HEALTHY[seed % 3], bool(seed // 3 % 2), poses, 1000 + seed))
+    return f"set {seed}, {verdict}: {words}" if verdict != "silent" else ""
 
 
 def main() -> None:
@@ -163,16 +171,21 @@ def main() -> None:
     parser.add_argument("--outliers", type=float, default=0.0, help="share of gross outliers in mistaken sets (default 0)")
     parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
     parser.add_argument("-v", "--verbose", action="store_true", help="print every answer that was not the right one")
+    with_jobs(parser)
     arguments = parser.parse_args()
     for name in ROBOTS:
-        robot, times = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro"), []
-        for kind, variants in mistakes(len(robot.chain.inputs)).items():
-            tally = tried(robot, variants, arguments, times)
-            counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
-            print(f"{name:7s}{kind:22s}{tally.total():5d} tried: {counts}", flush=True)
-        if times:
+        robot = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro")
+        runs = over(partial(tried, robot, arguments.poses, arguments.outliers), range(arguments.seeds), arguments)
+        for kind in runs[0] if runs else ():
+            answers = [run[kind] for run in runs]
+            counts = ", ".join(f"{count} {verdict}" for verdict, count in Counter(own.verdict for own in answers).most_common())
+            for seed, own in enumerate(answers):
+                if arguments.verbose and own.verdict != "named":
+                    print(f"    {own.mistake}, seed {seed}, {own.verdict}: {own.said or 'nothing said'}")
+            print(f"{name:7s}{kind:22s}{len(answers):5d} tried: {counts}", flush=True)
+        if times := [own.seconds for run in runs for own in run.values()]:
             print(f"{name:7s}seconds for a mistaken set: {np.median(times):.2f}, at most {max(times):.2f}")
-        false = alarms(robot, arguments)
+        false = [said for said in over(partial(alarm, robot, arguments.poses), range(arguments.healthy), arguments) if said]
         print(f"{name:7s}healthy sets: {arguments.healthy}, alarms: {len(false)} {' | '.join(false[:3])}", flush=True)
 
 

@@ -1,6 +1,6 @@
 """Held-out error under gross outliers, swapped beams and wrong joint readings, relative to the clean fit: gate and robust estimator.
 
-    python tests/benchmarks/outliers.py [--seeds N] [--robots NAME ...]
+    python tests/benchmarks/outliers.py [--seeds N] [--robots NAME ...] [--jobs N] [--resume FOLDER]
 
 Truths: Gaussian errors of 5 mm and 0.5 deg in six directions of every joint, mount and screen. A robot whose screen has no placement of
 its own is fitted with `--estimate screen`, so that the model can follow. *Told*: the gate's task with the answer known, a fit of what
@@ -10,11 +10,17 @@ nobody has touched; nothing that finds outliers can do better. *Refused*: `fit` 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import fit
 from urdfcal.base.errors import FitRejected
 from urdfcal.base.geometry import MM
@@ -29,6 +35,7 @@ ROBOTS = Path(__file__).parents[2] / "robots"
 SHARES = (0.0, 0.05, 0.10, 0.20, 0.30)
 FITS = {"ekf, gated": {}, "robust": {"estimator": "robust"}, "ekf, no gate": {"gated": False}}
 TOLD = "told"
+Ratios = dict[str, list[float]]  # of each case, in the order of FITS, and told
 
 
 def with_outliers(data: Measurements, share: float, rng: np.random.Generator) -> Measurements:
@@ -72,42 +79,50 @@ def held_out(robot: Robot, data: Measurements, unseen: Measurements, **arguments
     return float(np.sqrt(np.mean(np.sum(off**2, axis=-1))) / MM)
 
 
+def run(robot: Robot, poses: int, seed: int) -> Ratios:
+    """Held-out errors of one robot over that of the clean fit."""
+    rng = np.random.default_rng(seed)
+    model, truth = random_truth(robot, rng, 5e-3, np.radians(0.5))
+    q = draw_poses(robot, model, truth, poses + 200, rng)
+    data = simulate(robot, model, truth, q[:poses], rng, SimulatedNoise(1e-3))
+    unseen = spots_measured(robot, q[poses:], true_spots(robot, model, truth, q[poses:]))
+    clean = held_out(robot, data, unseen, **FITS["ekf, no gate"])
+    cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {
+        "10% swapped": with_swapped(data, 0.1, rng),
+        "10% misread": with_wrong_readings(data, 0.1, rng),
+    }
+    ratios: Ratios = {}
+    for case, spoilt in cases.items():
+        fits = [(spoilt, how) for how in FITS.values()] + [(untouched(spoilt, data), FITS["ekf, no gate"])]
+        ratios[case] = [held_out(robot, seen, unseen, **how) / clean for seen, how in fits]
+    return ratios
+
+
+def row(case: str, ratios: Sequence[Sequence[float]]) -> str:
+    """One line of the table: median and worst of each fit."""
+    cells = []
+    for label, own in zip((*FITS, TOLD), np.array(ratios).T, strict=True):
+        refused = np.count_nonzero(np.isinf(own))
+        cells.append(f"{label}: {np.median(own):7.2f} {np.max(own):8.2f}" + (f" ({refused} refused)" if refused else ""))
+    return f"  {case:14s}" + "   ".join(cells)
+
+
 def main() -> None:
     """Print a table per robot."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--robots", nargs="+", default=["panda", "ur5", "arm7"])
     parser.add_argument("--poses", type=int, default=100)
+    with_jobs(parser)
     arguments = parser.parse_args()
     for name in arguments.robots:
         robot = load_robot(ROBOTS / name / f"{name}.urdf.xacro")
         print(
             f"{name}, {arguments.poses} poses, 1 mm noise, {arguments.seeds} seeds: held-out RMS relative to the clean fit (median, worst)"
         )
-        ratios: dict[tuple[str, str], list[float]] = {}
-        for seed in range(arguments.seeds):
-            rng = np.random.default_rng(seed)
-            model, truth = random_truth(robot, rng, 5e-3, np.radians(0.5))
-            q = draw_poses(robot, model, truth, arguments.poses + 200, rng)
-            data = simulate(robot, model, truth, q[: arguments.poses], rng, SimulatedNoise(1e-3))
-            unseen = spots_measured(robot, q[arguments.poses :], true_spots(robot, model, truth, q[arguments.poses :]))
-            clean = held_out(robot, data, unseen, **FITS["ekf, no gate"])
-            cases = {f"{share:.0%} outliers": with_outliers(data, share, rng) for share in SHARES} | {
-                "10% swapped": with_swapped(data, 0.1, rng),
-                "10% misread": with_wrong_readings(data, 0.1, rng),
-            }
-            for case, spoilt in cases.items():
-                for label, how in FITS.items():
-                    ratios.setdefault((case, label), []).append(held_out(robot, spoilt, unseen, **how) / clean)
-                told = held_out(robot, untouched(spoilt, data), unseen, **FITS["ekf, no gate"])
-                ratios.setdefault((case, TOLD), []).append(told / clean)
-        for case in dict.fromkeys(case for case, _ in ratios):
-            refused = [np.count_nonzero(np.isinf(ratios[case, label])) for label in (*FITS, TOLD)]
-            cells = [
-                f"{np.median(ratios[case, label]):7.2f} {np.max(ratios[case, label]):8.2f}" + (f" ({count} refused)" if count else "")
-                for label, count in zip((*FITS, TOLD), refused, strict=True)
-            ]
-            print(f"  {case:14s}" + "   ".join(f"{label}: {cell}" for label, cell in zip((*FITS, TOLD), cells, strict=True)))
+        runs = over(partial(run, robot, arguments.poses), range(arguments.seeds), arguments)
+        for case in runs[0]:
+            print(row(case, [ratios[case] for ratios in runs]))
 
 
 if __name__ == "__main__":

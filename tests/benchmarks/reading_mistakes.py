@@ -1,5 +1,7 @@
 """Mistaken measurements by instruments beside lasers: does `fit` name each kind of mistake, and leave healthy data alone?
 
+    python tests/benchmarks/reading_mistakes.py [--seeds N] [--healthy N] [--only SENSOR ...] [--jobs N] [--resume FOLDER] [-v]
+
 Truths of mistaken sets: Gaussian errors of 2 mm and 0.2 deg on the parameters that fit has. Truths of healthy sets: by turns 1 mm and
 0.1 deg, 10 mm and 1 deg, and these with 10 % of the readings up to 200 mm off. Measuring frames, targets and places stand anywhere.
 Mistakes of one joint take the joints in turn. *named*: `fit` refused the data and said which mistake it is, or named it beside
@@ -11,14 +13,19 @@ rest. Any but *silent* is an alarm where the data are healthy.
 from __future__ import annotations
 
 import argparse
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-import numpy as np
-from mistakes import fitted
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
+import numpy as np
+from mistakes import Answer, fitted
+
+from tests.support.studies import over, with_jobs
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.rotations import quaternions_of
 from urdfcal.calibration.start.mistakes import mistakes_of_joints, mistakes_of_readings
@@ -136,52 +143,53 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=60, help="how many poses (default 60)")
     parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
     parser.add_argument("--only", nargs="*", default=list(SENSORS), help="sensors (default all)")
+    with_jobs(parser)
     parser.add_argument("-v", "--verbose", action="store_true", help="print every answer that was not the right one")
     arguments = parser.parse_args()
     for name, link in ROBOTS.items():
         robot = load_robot(arguments.robots / name / f"{name}.urdf.xacro")
         for sensor in arguments.only:
-            tally, times = tried(robot, name, sensor, link, arguments)
-            counts = ", ".join(f"{count} {verdict}" for verdict, count in tally.most_common())
-            print(
-                f"{name:7s}{sensor:10s}{tally.total():4d} mistakes: {counts}; {np.median(times):.1f} s, at most {max(times):.1f}",
-                flush=True,
-            )
-            false = alarms(robot, sensor, link, arguments)
+            runs = over(partial(tried, robot, sensor, link, arguments.poses), range(arguments.seeds), arguments)
+            print(row(f"{name:7s}{sensor:10s}", runs, arguments.verbose), flush=True)
+            false = [
+                said for said in over(partial(alarm, robot, sensor, link, arguments.poses), range(arguments.healthy), arguments) if said
+            ]
             print(f"{name:7s}{sensor:10s}{arguments.healthy:4d} healthy: {len(false)} alarms {' | '.join(false[:3])}", flush=True)
 
 
-def tried(robot: Robot, name: str, sensor: str, link: str, arguments: argparse.Namespace) -> tuple[Counter[str], list[float]]:
-    """What was said of mistaken sets, and how long that took."""
-    tally: Counter[str] = Counter()
-    times = []
-    for seed in range(arguments.seeds):
-        rng = np.random.default_rng([seed, 1])
-        setup = setup_of(robot, sensor, link, 2, 0.2, rng)
-        data = simulate_readings(setup, arguments.poses, rng, NOISE)
-        for kind, variants in mistakes(data, setup.robot).items():
-            words, change = variants[seed % len(variants)]
-            verdict, said, seconds = said_of(setup.robot, change(data))
-            verdict = ("named" if words in said else "other") if verdict == "refused" else verdict
-            tally[verdict] += 1
-            times.append(seconds)
-            if arguments.verbose and verdict != "named":
-                print(f"    {name} {sensor}, {kind}: {words}, seed {seed}, {verdict}: {said or 'nothing said'}", flush=True)
-    return tally, times
+def tried(robot: Robot, sensor: str, link: str, poses: int, seed: int) -> dict[str, Answer]:
+    """What is made of one set with each kind of mistake."""
+    rng, answers = np.random.default_rng([seed, 1]), {}
+    setup = setup_of(robot, sensor, link, 2, 0.2, rng)
+    data = simulate_readings(setup, poses, rng, NOISE)
+    for kind, variants in mistakes(data, setup.robot).items():
+        words, change = variants[seed % len(variants)]
+        verdict, said, seconds = said_of(setup.robot, change(data))
+        verdict = ("named" if words in said else "other") if verdict == "refused" else verdict
+        answers[kind] = Answer(verdict, words, said, seconds)
+    return answers
 
 
-def alarms(robot: Robot, sensor: str, link: str, arguments: argparse.Namespace) -> list[str]:
-    """What was said of healthy sets, where anything was."""
-    said = []
-    for seed in range(arguments.healthy):
-        mm, deg, share = HEALTHY[seed % 3]
-        rng = np.random.default_rng([seed, 2])
-        setup = setup_of(robot, sensor, link, mm, deg, rng)
-        data = with_outliers(simulate_readings(setup, arguments.poses, rng, NOISE), share, rng)
-        verdict, words, _ = said_of(setup.robot, data)
-        if verdict in ("refused", "rejected"):
-            said.append(f"set {seed}, {verdict}: {words}")
-    return said
+def row(title: str, runs: list[dict[str, Answer]], verbose: bool) -> str:
+    """One line of the table, and before it, if wanted, every answer that was not the right one."""
+    answers = [(seed, kind, own) for seed, run in enumerate(runs) for kind, own in run.items()]
+    robot_and_sensor = " ".join(title.split())
+    for seed, kind, own in answers:
+        if verbose and own.verdict != "named":
+            print(f"    {robot_and_sensor}, {kind}: {own.mistake}, seed {seed}, {own.verdict}: {own.said or 'nothing said'}")
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in Counter(own.verdict for _, _, own in answers).most_common())
+    times = [own.seconds for _, _, own in answers]
+    return f"{title}{len(answers):4d} mistakes: {counts}; {np.median(times):.1f} s, at most {max(times):.1f}"
+
+
+def alarm(robot: Robot, sensor: str, link: str, poses: int, seed: int) -> str:
+    """What was said of a healthy set, empty where nothing was."""
+    mm, deg, share = HEALTHY[seed % 3]
+    rng = np.random.default_rng([seed, 2])
+    setup = setup_of(robot, sensor, link, mm, deg, rng)
+    data = with_outliers(simulate_readings(setup, poses, rng, NOISE), share, rng)
+    verdict, words, _ = said_of(setup.robot, data)
+    return f"set {seed}, {verdict}: {words}" if verdict in ("refused", "rejected") else ""
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Several readings of one pose: do intervals hold the truth as often as they say, whatever the readings have in common?
 
     python tests/benchmarks/repeats.py [--sets N] [--poses N] [--estimators ekf lse robust] [--jitter-deg SIGMA]
+        [--jobs N] [--resume FOLDER]
 
 Simulated arms whose errors are drawn from the priors of the fit, read 1, 3 and 10 times at every pose (`mixed`: once, three or ten times).
 Of the noise, 0.5 mm a coordinate, readings of a pose share nothing, half of its variance, nine tenths, or all. `arm7` sees laser spots,
@@ -12,14 +13,20 @@ means over the sets. *Rows*: coverage of the parameters if every row were a pose
 from __future__ import annotations
 
 import argparse
+import sys
 import time
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
@@ -54,15 +61,27 @@ class Simulated:
     unseen: Measurements
 
 
-@dataclass
-class Tally:
-    """What many sets said: shares of parameters and of unseen numbers within their intervals, and the noise found."""
+@dataclass(frozen=True)
+class Case:
+    """What is studied: robot, how often a pose is read, what its readings share, how joints scatter [rad], poses, and the estimator."""
 
-    parameters: list[float] = field(default_factory=list)
-    unseen: list[float] = field(default_factory=list)
-    noise: list[float] = field(default_factory=list)
-    common: list[float] = field(default_factory=list)
-    single: list[float] = field(default_factory=list)
+    robot: str
+    times: str
+    common: float
+    jitter: float
+    poses: int
+    estimator: str
+
+
+@dataclass(frozen=True)
+class Said:
+    """Of one set: shares of parameters and of unseen numbers within their intervals, the noise found; and the first if rows were poses."""
+
+    parameters: float
+    unseen: float
+    noise: float
+    common: float
+    single: float | None
 
 
 def spots(poses: int, rng: np.random.Generator) -> Simulated:
@@ -128,22 +147,24 @@ def as_poses(data: Measurements) -> Measurements:
     return replace(data, payload=np.arange(len(data)) * 1e-12)
 
 
-def tally_of(case: str, times: str, common: float, arguments: argparse.Namespace, estimator: str) -> Tally:
-    """Many sets of one case."""
-    tally = Tally()
-    for seed in range(arguments.sets):
-        rng = np.random.default_rng([seed, TIMES.index(times), int(common * 10)])
-        one = CASES[case](arguments.poses, rng)
-        data = read_again(one.clean, times, common, arguments.jitter_deg * DEG, rng)
-        how = {"priors": PRIORS, "estimator": estimator, "gated": False}
-        found = urdfcal.fit(one.robot, data, **how)
-        tally.parameters.append(held(found, one.truth))
-        tally.unseen.append(foreseen(found, one.unseen))
-        tally.noise.append(found.estimate.noise.spot_sigma / NOISE)
-        tally.common.append(float(found.estimate.noise.common[0]))
-        if times != "1":
-            tally.single.append(held(urdfcal.fit(one.robot, as_poses(data), **how), one.truth))
-    return tally
+def run(case: Case, seed: int) -> Said:
+    """One set."""
+    rng = np.random.default_rng([seed, TIMES.index(case.times), int(case.common * 10)])
+    one = CASES[case.robot](case.poses, rng)
+    data = read_again(one.clean, case.times, case.common, case.jitter, rng)
+    fit = partial(urdfcal.fit, one.robot, priors=PRIORS, estimator=case.estimator, gated=False)
+    found = fit(data)
+    noise = found.estimate.noise
+    single = held(fit(as_poses(data)), one.truth) if case.times != "1" else None
+    return Said(held(found, one.truth), foreseen(found, one.unseen), noise.spot_sigma / NOISE, float(noise.common[0]), single)
+
+
+def row(case: Case, sets: Sequence[Said]) -> str:
+    """One line of the table."""
+    found = f"{np.mean([own.noise for own in sets]):.3f} | {np.mean([own.common for own in sets]):.2f}"
+    shares = [share([own.parameters for own in sets]), share([own.unseen for own in sets])]
+    single = share([own.single for own in sets if own.single is not None])
+    return f"| {case.robot} | {case.estimator} | {case.times} | {case.common:g} | {' | '.join(shares)} | {found} | {single} |"
 
 
 def share(values: list[float]) -> str:
@@ -161,18 +182,17 @@ def main() -> None:
     parser.add_argument("--common", nargs="+", type=float, default=list(COMMON))
     parser.add_argument("--estimators", nargs="+", default=["ekf"], choices=["ekf", "lse", "robust"])
     parser.add_argument("--jitter-deg", type=float, default=0.0, help="sigma of the joints among readings of one pose (default 0)")
+    with_jobs(parser)
     arguments = parser.parse_args()
     begun = time.perf_counter()
     print("| robot | estimator | readings | in common | parameters in 95 % | unseen in 95 % | noise found | common found | rows |")
     print("|---|---|---|---|---|---|---|---|---|")
-    for case in arguments.cases:
+    for name in arguments.cases:
         for estimator in arguments.estimators:
             for times in arguments.times:
                 for common in arguments.common if times != "1" else arguments.common[:1]:
-                    tally = tally_of(case, times, common, arguments, estimator)
-                    found = f"{np.mean(tally.noise):.3f} | {np.mean(tally.common):.2f}"
-                    row = f"{share(tally.parameters)} | {share(tally.unseen)} | {found} | {share(tally.single)}"
-                    print(f"| {case} | {estimator} | {times} | {common:g} | {row} |", flush=True)
+                    case = Case(name, times, common, arguments.jitter_deg * DEG, arguments.poses, estimator)
+                    print(row(case, over(partial(run, case), range(arguments.sets), arguments)), flush=True)
     print(f"{time.perf_counter() - begun:.0f} s")
 
 

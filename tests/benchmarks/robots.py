@@ -8,11 +8,15 @@ A last table: a Panda that is perfect but for its screen must get its joints bac
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from second_witness import DEG, MM, link_poses, moved_urdf, observations_of, random_delta, transform
 
 import urdfcal
+from tests.support.studies import over, with_jobs
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.simulation.truth import random_truth
 
@@ -127,15 +132,16 @@ def sizes(delta: Array) -> tuple[float, float]:
     return float(np.linalg.norm(delta[:3, 3]) / MM), float(Rotation.from_matrix(delta[:3, :3]).magnitude() * 1e3)
 
 
-def rows(folder: Path, seeds: int) -> Iterator[str]:
+def rows(arguments: argparse.Namespace) -> Iterator[str]:
     """The main table, one robot and error model a row."""
     yield f"{'robot':7s}{'model':8s}{'spots before':>13s}{'after':>11s}{'worst':>11s} | {'module before':>19s}{'after':>22s} | accepted"
     for name, model in CASES:
-        robot = urdfcal.load_robot(folder / name / f"{name}.urdf.xacro")
-        runs = np.array([calibrate(robot, model, seed) for seed in range(seeds)])  # (seeds, before after accepted, 3)
+        robot = urdfcal.load_robot(arguments.robots / name / f"{name}.urdf.xacro")
+        runs = np.array(over(partial(calibrate, robot, model), range(arguments.seeds), arguments))  # (seeds, before after accepted, 3)
         (before, mm0, deg0), (after, mm1, deg1), (accepted, *_) = runs.mean(axis=0)
+        agreed = f"{accepted * len(runs):.0f} of {len(runs)}"
         spots = f"{before:10.2f} mm{after:8.3f} mm{runs[:, 1, 0].max():8.3f} mm"
-        yield f"{name:7s}{model:8s}{spots} | {mm0:7.2f} mm {deg0:4.2f} deg{mm1:9.3f} mm {deg1:6.4f} deg | {accepted * seeds:.0f} of {seeds}"
+        yield f"{name:7s}{model:8s}{spots} | {mm0:7.2f} mm {deg0:4.2f} deg{mm1:9.3f} mm {deg1:6.4f} deg | {agreed}"
 
 
 def main() -> None:
@@ -143,14 +149,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=5, help="how many seeds (default 5)")
     parser.add_argument("--robots", type=Path, default=Path("robots"), help="folder of the robots (default robots)")
+    with_jobs(parser)
     arguments = parser.parse_args()
     start = time.perf_counter()
-    for row in rows(arguments.robots, arguments.seeds):
+    for row in rows(arguments):
         print(row, flush=True)
     panda = urdfcal.load_robot(arguments.robots / "panda" / "panda.urdf.xacro")
     print("\nperfect Panda, screen 50 mm and 2 deg off; worst of all seeds")
     for noise in (SPOT_NOISE, 0.0):
-        mm, mrad, screen_mm, screen_mrad, sigmas = np.max([moved_origins(panda, noise, seed) for seed in range(arguments.seeds)], axis=0)
+        mm, mrad, screen_mm, screen_mrad, sigmas = np.max(
+            over(partial(moved_origins, panda, noise), range(arguments.seeds), arguments), axis=0
+        )
         moved, left = f"{mm:.2g} mm, {mrad:.2g} mrad ({sigmas:.2g} sigma)", f"{screen_mm:.2g} mm, {screen_mrad:.2g} mrad"
         print(f"spot noise {noise / MM:.1f} mm: joint origins moved by at most {moved}; screen still off by {left}")
     print(f"{arguments.seeds} seeds, {time.perf_counter() - start:.0f} s")

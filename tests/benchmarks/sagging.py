@@ -1,6 +1,6 @@
 """Arms that sag, of which a tenth of the poses stand near upright: does a calibration make them worse without a word?
 
-    python tests/benchmarks/sagging.py [--cases N] [--estimator ekf|robust] [--bad SHARE] [--data DIR]
+    python tests/benchmarks/sagging.py [--cases N] [--estimator ekf|robust] [--bad SHARE] [--data DIR] [--jobs N] [--resume FOLDER]
 
 Robots and sensors take turns; joints sag by 1 to 2 mrad, noise is 0.1 mm and 0.02 deg; 150 poses are fitted, 60 tested, a tenth of both
 near upright (`tests/support/sagging.py`). Each line says of how many readings the fit rests and how many of the upright ones it left
@@ -17,6 +17,7 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,6 +28,7 @@ import numpy as np
 import urdfcal
 from tests.benchmarks.real_robots import ROBOTS, repeatable_splits
 from tests.support.sagging import SaggingArm, sagging_arm
+from tests.support.studies import over, with_jobs
 from urdfcal.api import Calibration
 from urdfcal.base.geometry import MM, Mask
 from urdfcal.calibration.analysis.clusters import pose_distances
@@ -108,7 +110,7 @@ def with_sag(calibration: Calibration, test: urdfcal.Measurements) -> float:
     return rms_of(error_table(Problem(sag.errors, test).linearise(sag.estimate.belief.x), len(test)))
 
 
-def simulated(case: int, estimator: str, bad: float) -> Outcome:
+def simulated(estimator: str, bad: float, case: int) -> Outcome:
     """One simulated arm."""
     (name, sensor), seed = ARMS[case % len(ARMS)], case // len(ARMS)
     arm = sagging_arm(load(name), sensor, seed)
@@ -150,14 +152,12 @@ def main() -> None:
     parser.add_argument("--estimator", default="ekf", choices=("ekf", "lse", "robust"))
     parser.add_argument("--bad", type=float, default=0.0, help="share of the readings that are thrown off (default 0)")
     parser.add_argument("--data", type=Path, help="the real robots' measurements")
+    with_jobs(parser)
     arguments = parser.parse_args()
-    cases = (
-        real(arguments.data) if arguments.data else (simulated(case, arguments.estimator, arguments.bad) for case in range(arguments.cases))
-    )
-    outcomes = []
-    for outcome in cases:
+    work = partial(simulated, arguments.estimator, arguments.bad)
+    outcomes = list(real(arguments.data)) if arguments.data else over(work, range(arguments.cases), arguments)
+    for outcome in outcomes:
         print(outcome.line(), flush=True)
-        outcomes.append(outcome)
     worst, silent = [outcome.worst for outcome in outcomes], [outcome.label for outcome in outcomes if outcome.silent]
     sag = [outcome.sag for outcome in outcomes if np.isfinite(outcome.sag)]
     print(f"worst pose: median {np.median(worst):.2f}, largest {max(worst):.2f}, above 1 in {sum(ratio > 1 for ratio in worst)} cases,")

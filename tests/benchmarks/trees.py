@@ -1,6 +1,6 @@
 """One fit over a tree: several targets on several branches, seen by several instruments, against single fits and a second witness.
 
-    python tests/benchmarks/trees.py [--seeds N] [--poses N] [--sets N] [--cells NAME ...]
+    python tests/benchmarks/trees.py [--seeds N] [--poses N] [--sets N] [--cells NAME ...] [--jobs N] [--resume FOLDER]
 
 *Unseen poses*: every joint is off by 2 mm and 0.2 deg in six directions; at poses that were not measured, how far the target of every
 pair is from where the true robot has it in its instrument's frame, before and after (RMS over poses, the worst pair; medians of the
@@ -14,17 +14,22 @@ the joints' determined parameters, and of readings at unseen poses, hold. SIMULA
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from tests.support.studies import over, with_jobs
 from urdfcal.api import fit
 from urdfcal.base.geometry import DEG, MM, Array3, Matrix, Vector
 from urdfcal.calibration.problem import Problem
@@ -329,7 +334,7 @@ def up_to_a_constant(true: Whole, off: Matrix, q: Sequence[Vector], hand: str) -
     return float(np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1).mean()))
 
 
-def accuracy(cell: Cell, seed: int, poses: int) -> dict[str, float]:
+def accuracy(cell: Cell, poses: int, seed: int) -> dict[str, float]:
     """What one truth gives at unseen poses, and how long its fits took."""
     robot, rng = cell.robot(), np.random.default_rng([11, seed])
     setup = set_up(cell, robot, rng, "placement")
@@ -484,7 +489,7 @@ class Batch:
         return np.array([pin.log3(pose.rotation.T @ R) for pose, R in zip(seen, turned, strict=True)]) / NOISE.angle
 
 
-def coverage(cell: Cell, seed: int, poses: int) -> tuple[int, int, int, int]:
+def coverage(cell: Cell, poses: int, seed: int) -> tuple[int, int, int, int]:
     """How many 95 % intervals of joints' parameters, and of readings at unseen poses, hold; and how many there are."""
     robot, rng = cell.robot(), np.random.default_rng([13, seed])
     setup = set_up(cell, robot, rng, "auto")
@@ -518,17 +523,18 @@ def main() -> None:
     parser.add_argument("--poses", type=int, default=60)
     parser.add_argument("--sets", type=int, default=40)
     parser.add_argument("--cells", nargs="*", default=list(CELLS))
+    with_jobs(parser)
     arguments = parser.parse_args()
     for name in arguments.cells:
         cell = CELLS[name]
-        runs = [accuracy(cell, seed, arguments.poses) for seed in range(arguments.seeds)]
+        runs = over(partial(accuracy, cell, arguments.poses), range(arguments.seeds), arguments)
         print(
             f"{name}: " + ", ".join(f"{key} {np.median([run[key] for run in runs]):.3f}" for key in runs[0]) if runs else name, flush=True
         )
-        beside = [witness(cell, seed) for seed in range(min(arguments.seeds, 2))]
+        beside = over(partial(witness, cell), range(min(arguments.seeds, 2)), arguments)
         print("   " + ", ".join(f"{key} {max(run[key] for run in beside):.4g}" for key in beside[0]) if beside else "", flush=True)
         if arguments.sets:
-            held, of, read, numbers = np.sum([coverage(cell, seed, arguments.poses) for seed in range(arguments.sets)], axis=0)
+            held, of, read, numbers = np.sum(over(partial(coverage, cell, arguments.poses), range(arguments.sets), arguments), axis=0)
             print(f"   95 % intervals: {held / of:.1%} of {of} parameters, {read / numbers:.1%} of {numbers} unseen readings", flush=True)
 
 

@@ -59,7 +59,7 @@ _BOARD = re.compile(r"(circles:)?(\d+)x(\d+):(\d+\.?\d*)(mm|m)(?::(\d+\.?\d*)(mm
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)  # until a file is read: it takes as long as a robot
 
 
 class _JointNoise(_Strict):
@@ -126,7 +126,7 @@ class RigFile(_Strict):
     error_model: Literal["auto", "dh", "hayati", "placement", "offset"] | None = None
     error_models: dict[str, Literal["dh", "hayati", "placement", "offset"]] = {}
     estimate: list[Literal["beams", "beams4", "screen", "lens"]] = []
-    noise: NoiseEntry = NoiseEntry()
+    noise: NoiseEntry = NoiseEntry.model_construct()
     priors: dict[Literal["joint", "mount", "screen", "beam", "reference", "target", "place"], str] = {}
     beams: dict[str, tuple[Finite, Finite, Finite]] = {}
     parameters: dict[str, ParameterEntry] = {}
@@ -135,7 +135,7 @@ class RigFile(_Strict):
     reference_known: bool = False
     target_known: bool = False
     target: str | None = None
-    sockets: SocketsEntry = SocketsEntry()
+    sockets: SocketsEntry = SocketsEntry.model_construct()
     boards: dict[str, str] = {}
 
     @field_validator("priors")

@@ -23,7 +23,6 @@ from urdfcal.output.endings import ENDINGS
 from urdfcal.output.formats import Deployment, deployment
 from urdfcal.output.pairs import CORRECTED, written_with
 from urdfcal.output.replaced import require_earlier, require_marked
-from urdfcal.output.report.files import report_bytes, require_report_ending
 from urdfcal.output.sources.wanted import SourcesWish
 from urdfcal.output.text.frames import undetermined
 from urdfcal.robot.placed_frames import FramesWish
@@ -117,7 +116,10 @@ class Outputs:
         """
         deployed, places = replace(calibration.deployed(rng, frames), tree=self.tree), self.places
         files: dict[str | Path, bytes] = dict(deployed.files(self.plan))
-        files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine(), extra.spots) for report in self.reports}
+        if self.reports:
+            from urdfcal.output.report.files import report_bytes
+
+            files |= {report: report_bytes(report, calibration, sys.argv, sag, extra.machine(), extra.spots) for report in self.reports}
         if self.compensation is not None and not calibration.rejection:
             if sag is None:
                 raise UsageError(f"--compensation {self.compensation}: {_no_sag(calibration)}; there is nothing to write")
@@ -189,8 +191,11 @@ def planned(
         UsageError: an ending or a format is none of ours.
     """
     reports = [named(report, f"{stem}_report.html") for report in reports]
-    for report in reports:
-        require_report_ending(report)
+    if reports:
+        from urdfcal.output.report.files import require_report_ending
+
+        for report in reports:
+            require_report_ending(report)
     if compensation is not None and not is_yaml(compensation):
         raise UsageError(f"{compensation}: a compensation ends in .yaml; its URDF will stand beside it")
     return Outputs(planned_formats(formats or (), output, stem, ur_hash_from), tuple(reports), compensation)
@@ -231,10 +236,10 @@ def looked_at(robot: Robot, options: ModelOptions, data: Measurements, plan: Dep
     Raises:
         RobotError: a number cannot be corrected where it stands; names it by file and line.
     """
-    from urdfcal.output.sources.rehearsal import rehearsed
-
     if "xacro" not in plan.places:
         return None
+    from urdfcal.output.sources.rehearsal import rehearsed
+
     with Working("trying whether the xacro's sources can take a calibration", quiet):
         patch = rehearsed(robot, options, data.session_names, split=plan.sources.split)
         plan.sources.files(patch)

@@ -101,7 +101,7 @@ def rig_file_of(path: Path | None, reference_known: bool = False, target_known: 
     """The rig.yaml that was given, or an empty one, with what the command line says of both ends."""
     from urdfcal.calibration.rig_file import RigFile, read_rig_file
 
-    rig = RigFile() if path is None else read_rig_file(path)
+    rig = RigFile.model_construct() if path is None else read_rig_file(path)
     ends = {"reference_known": rig.reference_known or reference_known, "target_known": rig.target_known or target_known}
     return rig.model_copy(update=ends)
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +17,6 @@ from urdfcal.output.driver_yaml import origins_yaml, ur_joints, ur_warnings, ur_
 from urdfcal.output.endings import ENDINGS, PATCHES, no_format, stem_of
 from urdfcal.output.joint_offsets import OffsetLoss, offset_loss, offsets_yaml
 from urdfcal.output.makers_yaml import MAKERS, maker_warnings, maker_yaml, tesseract_yaml
-from urdfcal.output.sources.patch import SourcePatch, patched_sources
-from urdfcal.output.sources.tree import SourceTree
 from urdfcal.output.sources.wanted import SourcesWish
 from urdfcal.output.ur_file import UrFile, read_ur_file
 from urdfcal.output.zeros_aside import ASIDE, require_places_aside, zeros_aside_urdf
@@ -25,6 +24,10 @@ from urdfcal.robot.frames import FoundFrame
 from urdfcal.robot.placed_frames import FramesWish, with_frames
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_writer import with_origins
+
+if TYPE_CHECKING:
+    from urdfcal.output.sources.patch import SourcePatch
+    from urdfcal.output.sources.tree import SourceTree
 
 _OTHERS = (".csv", ".html", ".htm", ".md", ".json", ".pdf", ".svg", ".png", ".jpg", ".dae", ".stl", ".obj", ".py")
 _XML = (".urdf", ".xacro", ".xml")
@@ -196,6 +199,8 @@ class Deployed:
         Raises:
             RobotError: it is no xacro, or its sources cannot be changed so; says where.
         """
+        from urdfcal.output.sources.patch import patched_sources
+
         if split not in self._sources:
             self._sources[split] = patched_sources(self.robot.description, self._whole, split=split, tree=self.tree)
         return self._sources[split]

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
-from xml.sax.saxutils import quoteattr
 
 from urdfcal.base.errors import RigError, UsageError, did_you_mean, no_such
 from urdfcal.base.geometry import xyz_rpy
@@ -15,6 +14,7 @@ from urdfcal.robot.description import Description
 from urdfcal.robot.frames import FoundFrame, FrameSite, joint_of
 from urdfcal.robot.urdf_tree import UrdfTree
 from urdfcal.robot.urdf_writer import numbers, with_elements
+from urdfcal.robot.urdf_xml import quoted
 
 _LINK = re.compile(r"[\w./-]+")
 NOTE = "frames that urdfcal found with the calibration: what measured, and what was measured"
@@ -144,7 +144,7 @@ def with_frames(description: Description, added: Sequence[FoundFrame]) -> bytes:
 
 def _elements(frame: FoundFrame) -> str:
     xyz, rpy = (numbers(values) for values in xyz_rpy(frame.on_link))
-    child, joint, parent = (quoteattr(name) for name in (frame.child, joint_of(frame.child), frame.link))
+    child, joint, parent = (quoted(name) for name in (frame.child, joint_of(frame.child), frame.link))
     return (
         f'  <link name={child}/>\n  <joint name={joint} type="fixed">\n    <parent link={parent}/>\n    <child link={child}/>\n'
         f'    <origin xyz="{xyz}" rpy="{rpy}"/>\n  </joint>'

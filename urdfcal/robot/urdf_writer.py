@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from xml.parsers import expat
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from urdfcal.base.errors import RobotError
 from urdfcal.base.geometry import SE3, Vector, pose, xyz_rpy
 from urdfcal.robot.description import Description
+from urdfcal.robot.urdf_xml import quoted
 
 _SAME = 1e-15  # a rotation or translation this close to the text's own keeps the text
 _DUST = 1e-16
@@ -69,7 +69,7 @@ def with_elements(description: Description, elements: str, note: str, names: Map
     """
     text = description.text
     for meanwhile, name in names.items():
-        elements = elements.replace(f'link="{meanwhile}"', f"link={quoteattr(name)}")
+        elements = elements.replace(f'link="{meanwhile}"', f"link={quoted(name)}")
     lines = [f"  <!-- {note} -->", *elements.splitlines()]
     indent, end = _INDENT.search(text), "\r\n" if b"\r\n" in text else "\n"
     step = indent[1].decode() if indent else "  "

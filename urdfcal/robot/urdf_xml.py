@@ -20,6 +20,7 @@ _MEASURES = ("xyz", "rpy", "value", "size", "radius", "length", "scale", "ixx", 
 _LIMITED = ("revolute", "prismatic")
 _NO_LIMIT = repr(sys.float_info.max)  # the reader takes no infinity
 _READ = ("link", "joint", "material")  # under <robot>
+_IN_ATTRIBUTES = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"})
 _UNUSED = ("safety_controller", "calibration")  # under <joint>; the reader refuses the whole robot where they are not whole
 
 
@@ -57,6 +58,11 @@ def number_fault(word: str) -> str | None:
     if value is None:
         return f"'{word}' is not a finite number"
     return f"'{word}' is beyond {FARTHEST:g}" if abs(value) > FARTHEST else None
+
+
+def quoted(text: str) -> str:
+    """Text as the value of an attribute; `saxutils` does the same, and brings all of `urllib` with it."""
+    return f'"{text.translate(_IN_ATTRIBUTES)}"'
 
 
 def left_out(root: etree._Element) -> dict[etree._Element, str]:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from urdfcal.base.errors import RobotError, UsageError
 from urdfcal.base.whole_files import require_new_folder
-from urdfcal.output.sources.patch import SourcePatch, original
 from urdfcal.robot.description import Description
+
+if TYPE_CHECKING:
+    from urdfcal.output.sources.patch import SourcePatch
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class SourcesWish:
         return found
 
     def _require_free(self, files: Iterable[Path]) -> None:
+        from urdfcal.output.sources.patch import original
+
         for file in files:
             if not self.overwrite and original(file).exists():
                 raise UsageError(f"{original(file)}: is there already, from an earlier change in place; move it away, or --overwrite")
