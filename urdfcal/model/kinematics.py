@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch
-from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
+from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.model.softness import Yielding, across
 from urdfcal.model.walk import Placements
@@ -141,14 +141,27 @@ class Posture:
 
     Attributes:
         q: (elements, n), [rad] and [m].
-        c: Their cosines, (elements, n).
-        s: Their sines, and these with the other sign, (elements, 2, 1, n).
     """
 
     def __init__(self, q: Matrix) -> None:
-        self.q, self.c, s = q, np.cos(q), np.sin(q)
-        self.s = np.stack([s, -s], axis=1)[:, :, None]
+        self.q = q
         self._known: tuple[PlacedArm, Array4] | None = None
+
+    @cached_property
+    def _moved(self) -> Mask:
+        """Which elements are not at zero, as bends are where nothing gives way, (elements, 1)."""
+        return np.asarray(self.q.any(axis=1, keepdims=True))
+
+    @cached_property
+    def c(self) -> Matrix:
+        """Their cosines, (elements, n)."""
+        return np.cos(self.q, out=np.ones_like(self.q), where=self._moved)
+
+    @cached_property
+    def s(self) -> Array4:
+        """Their sines, and these with the other sign, (elements, 2, 1, n)."""
+        s = np.sin(self.q, out=np.zeros_like(self.q), where=self._moved)
+        return np.stack([s, -s], axis=1)[:, :, None]
 
     def __len__(self) -> int:
         return int(self.q.shape[1])
