@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from urdfcal.estimation.ekf import Belief, compress, iterated_schedule, paper_schedule, update
+from urdfcal.estimation.ekf import Belief, compressed, iterated_schedule, paper_schedule, taken_in, update
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation
@@ -62,9 +62,9 @@ def test_compressed_measurements_say_the_same(rng: np.random.Generator, seen: in
     """At most p rows carry the information of all, also where some directions are not seen."""
     prior, H, y, _ = linear_problem(rng)
     H = H[:, :seen] @ rng.normal(size=(seen, 6))
-    rows, short = compress(Normal.of_rows(H, y - H @ prior.x), np.ones(6))
-    assert len(short) == seen
-    found, _ = update(prior, short, rows, np.eye(len(short)))
+    normal = Normal.of_rows(H, y - H @ prior.x)
+    assert len(compressed(normal.A, np.sqrt(np.diag(prior.P)))) == seen
+    found = taken_in(prior, normal)
     expected = batch(prior, H, y, np.eye(len(y)))
     np.testing.assert_allclose(found.x, expected.x, atol=1e-9)
     np.testing.assert_allclose(found.P, expected.P, atol=1e-9)

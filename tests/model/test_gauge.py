@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +30,17 @@ def test_auto_is_complete_and_minimal(robots: dict[str, Robot], name: str, count
     """Under auto the rank equals the number of parameters: 4R + 2P + 6 where the screen's placement is estimated."""
     assert structural_rank(robots[name], ModelOptions()) == (count, count)
     assert structural_rank(robots[name], ModelOptions(error_model="placement"))[1] == count
+
+
+def test_a_robot_is_built_once_for_what_is_asked(robots: dict[str, Robot]) -> None:
+    """The same question has the same answer, any other its own, and a pickled chain carries none of them."""
+    robot = robots["panda"]
+    before = len(pickle.dumps(robot.chain))
+    asked = [ModelOptions(), ModelOptions(fix=("panda_joint3.*",)), ModelOptions(priors={"joint": parse_prior("1mm,1deg")})]
+    built = [build_error_model(robot.chain, robot.rig, options, sessions) for options in asked for sessions in (("",), ("a", "b"))]
+    assert len({(own.names, own.sessions, own.sigma.tobytes()) for own in built}) == 6
+    assert build_error_model(robot.chain, robot.rig, replace(asked[1]), ["a", "b"]) is built[3]
+    assert len(pickle.dumps(robot.chain)) <= before
 
 
 @pytest.mark.parametrize(("name", "count", "rank"), [("arm7", 33, 33), ("arm4", 21, 19)])

@@ -92,7 +92,9 @@ class Channel:
     @cached_property
     def _axes(self) -> Array3:
         """Axes that the numbers of each pose's place are in, (n, 3, 3): of a plane its normal and two tangents."""
-        axes = np.array([self.errors.planes.get(place.name, np.eye(3)) for place in self._places] or [np.eye(3)])
+        if not self._places:
+            return np.broadcast_to(_UNIT, (len(self.readings.labels), 3, 3))
+        axes = np.array([self.errors.planes.get(place.name, _UNIT) for place in self._places])
         return np.asarray(axes[self._place_of_pose])
 
     @property
@@ -104,7 +106,7 @@ class Channel:
         """The target as the measuring frame sees it at some poses."""
         p, R = motion.seen(self.target, self.frame)
         if not self._places:
-            return View(p, R, np.empty((len(p), 0)), np.broadcast_to(_UNIT, R.shape))
+            return View(p, R, self._held[rows], self._axes[rows])
         columns = self._place_columns[rows]
         place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
         return View(p, R, place, self._axes[rows])

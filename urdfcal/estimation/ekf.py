@@ -13,6 +13,7 @@ the covariance stays the filter's.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -103,35 +104,49 @@ def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Be
         The belief after it, and the normalised innovation squared, chi-squared with m degrees of freedom.
     """
     HP = H @ belief.P
-    S = HP @ H.T + R
-    solved = np.linalg.solve(S, np.column_stack([HP, innovation]))
+    solved = np.linalg.solve(HP @ H.T + R, np.column_stack([HP, innovation]))
     K = solved[:, :-1].T
-    AP = belief.P - K @ HP
-    P = AP + (K @ R - AP @ H.T) @ K.T
-    return Belief(belief.x + K @ innovation, (P + P.T) / 2), float(innovation @ solved[:, -1])
+    return Belief(belief.x + K @ innovation, _joseph(belief.P, HP, H, K, K @ R)), float(innovation @ solved[:, -1])
 
 
-def compress(normal: Normal, sigma: Vector) -> tuple[Matrix, Vector]:
-    """Replace many measurements of unit covariance, with their innovations, by at most p that say the same of the state.
+def _joseph(P: Matrix, HP: Matrix, H: Matrix, K: Any, KR: Any) -> Matrix:
+    """(I - K H) P (I - K H)' + K R K'."""
+    AP = P - K @ HP
+    P = AP + (KR - AP @ H.T) @ K.T
+    return np.asarray((P + P.T) / 2)
 
-    Any root B of the information, B'B = H'H, will do, with the innovation B^-T H' innovation. Where the information is well
-    conditioned that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that rounding alone would
-    claim to know. Both are taken in units of what each parameter would be known to by itself, given the standard deviations `sigma`
-    before the measurement.
+
+def taken_in(prior: Belief, normal: Normal) -> Belief:
+    """The belief after many measurements of unit covariance, of which the normal equations are known, the innovation at the prior's mean.
+
+    The mean needs no gain: K (m - h) is P+ H'(m - h).
     """
-    scale = 1 / np.sqrt(np.diag(normal.A) + 1 / sigma**2)
-    information, gradient = normal.A * np.outer(scale, scale), scale * normal.b
+    H = compressed(normal.A, np.sqrt(prior.P.diagonal()))
+    HP = H @ prior.P
+    K = np.linalg.solve(HP @ H.T + np.eye(len(H)), HP).T
+    P = _joseph(prior.P, HP, H, K, K)
+    return Belief(prior.x + P @ normal.b, P)
+
+
+def compressed(information: Matrix, sigma: Vector) -> Matrix:
+    """At most p rows, each measured with unit covariance, that say the same of the state as many whose information H'H, (p, p), is known.
+
+    Any root B of it, B'B = H'H, will do. Where the information is well conditioned that is its Cholesky factor; else the rows
+    sqrt(L) V' of its eigenvectors, without those that rounding alone would claim to know. Both are taken in units of what each
+    parameter would be known to by itself, given the standard deviations `sigma` before the measurement.
+    """
+    scale = 1 / np.sqrt(information.diagonal() + 1 / sigma**2)
+    scaled = information * scale * scale[:, None]
     try:
-        root = np.linalg.cholesky(information)
-        pivots = np.diag(root)
+        root = np.linalg.cholesky(scaled)
+        pivots = root.diagonal()
         if pivots.min() > 1e-5 * pivots.max():
-            return root.T / scale, np.linalg.solve(root, gradient)
+            return np.asarray(root.T / scale)
     except np.linalg.LinAlgError:
         pass  # not positive definite: some direction is not seen at all
-    values, vectors = np.linalg.eigh(information)
+    values, vectors = np.linalg.eigh(scaled)
     kept = values > _ROUNDING * values[-1]
-    lengths, rows = np.sqrt(values[kept]), vectors[:, kept].T
-    return (lengths[:, None] * rows) / scale, (rows @ gradient) / lengths
+    return np.asarray((np.sqrt(values[kept])[:, None] * vectors[:, kept].T) / scale)
 
 
 def iterated_schedule(
@@ -166,14 +181,13 @@ def iterated_schedule(
     settled, last, curved, radius, since, guessed = noise.settled(linearisation), 0.0, False, np.inf, 0, False
     for sweep in each(range(max_sweeps or MAX_SWEEPS["iterated"]), "sweep"):
         here, weights, normal = linearisation, noise.weights(linearisation), noise.normal(linearisation)
-        rows, short = compress(normal.moved(x - prior.x), scale)
-        updated, _ = update(prior, short, rows, np.eye(len(short)))
+        P = taken_in(prior, normal).P
         gradient = normal.b - (x - prior.x) / scale**2
-        step = updated.P @ gradient  # updated.x - x, but without the rounding of a whole update
-        valley = Valley.at(x, gradient, updated.P, _gradients(linearise, weights, prior), radius) if curved else None
+        step = P @ gradient  # of the update's mean from x, but without the rounding of a whole update
+        valley = Valley.at(x, gradient, P, _gradients(linearise, weights, prior), radius) if curved else None
         if valley is not None:
             step, _, _ = valley.step(radius)
-        belief = Belief(x + step, updated.P)
+        belief = Belief(x + step, P)
         sigmas = _largest(step, belief.P)
         shrinking = sigmas / last if last else 1.0
         left, last = sigmas * (shrinking if shrinking < _SHRINKS else 1.0), sigmas  # at least as small would be the step after this one
@@ -233,8 +247,7 @@ def paper_schedule(
         if not linearisation.usable:
             return Estimate(belief, linearisation.trouble, noise, history)
         predicted = Belief(belief.x, belief.P + Q)
-        rows, short = compress(unit.normal(linearisation), np.sqrt(np.diag(predicted.P)))
-        belief, _ = update(predicted, short, rows, np.eye(len(short)))
+        belief = taken_in(predicted, unit.normal(linearisation))
         step = float(np.linalg.norm(belief.x - predicted.x))
         if not np.isfinite(step):
             return Estimate(predicted, "not_finite", noise, [*history, Sweep(belief.x, step, linearisation.rms)])
@@ -332,9 +345,3 @@ def told(prior: Belief, H: Matrix, innovation: Vector | None = None) -> Belief:
         innovation: Measured less predicted at the prior's mean, whitened, (m,); none if only the covariance is asked for.
     """
     return taken_in(prior, Normal.of_rows(H, np.zeros(len(H)) if innovation is None else innovation))
-
-
-def taken_in(prior: Belief, normal: Normal) -> Belief:
-    """The same after measurements of which the normal equations are known, with the innovation at the prior's mean."""
-    rows, short = compress(normal, np.sqrt(np.diag(prior.P)))
-    return update(prior, short, rows, np.eye(len(rows)))[0]

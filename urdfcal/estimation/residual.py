@@ -187,8 +187,10 @@ class Linearisation:
     @property
     def rms(self) -> float:
         """Root of the mean squared residual of the measured numbers; of the first kind alone, where there are several."""
-        first = self.kinds == 0
-        return float(np.linalg.norm(self.residual[:, first]) / np.sqrt(max(int(np.count_nonzero(self.measured[:, first])), 1)))
+        residual, measured, first = self.residual, self.measured, self.kinds == 0
+        if not first.all():
+            residual, measured = residual[:, first], measured[:, first]
+        return float(np.linalg.norm(residual) / np.sqrt(max(int(np.count_nonzero(measured)), 1)))
 
 
 class _WhenAsked:

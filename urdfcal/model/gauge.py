@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,8 @@ _NEAR_AXIS = 10 * MM
 def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = None, sessions: Sequence[str] = ("",)) -> ErrorModel:
     """Choose the parameters of a robot: error model, gauge, additions, what is fixed, priors.
 
+    That follows from the robot and what is asked of it, before any data: the chain knows what was built of it last.
+
     Args:
         chain: The way from screen to lasers.
         rig: Screen, module, lasers.
@@ -38,7 +40,24 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
         UsageError: an option means nothing for this robot.
         RigError: the screen's placement is asked for, and nothing can carry it.
     """
-    options = options or ModelOptions()
+    options, sessions = options or ModelOptions(), tuple(sessions)
+    built = next((own for own in chain.built if own.rig is rig and (own.options, own.errors.sessions) == (options, sessions)), None)
+    if built is None:
+        built = _Built(rig, options, _build(chain, rig, options, sessions))
+        chain.built.append(built)
+    return built.errors
+
+
+@dataclass(frozen=True)
+class _Built:
+    """An error model of a chain, and what it was asked for with."""
+
+    rig: Rig
+    options: ModelOptions
+    errors: ErrorModel
+
+
+def _build(chain: Chain, rig: Rig, options: ModelOptions, sessions: tuple[str, ...]) -> ErrorModel:
     _check_joints(chain, options.per_joint)
     priors = DEFAULT_PRIORS | dict(options.priors)
     slots = slots_of(chain, rig, options.error_model, options.per_joint)
@@ -61,7 +80,7 @@ def build_error_model(chain: Chain, rig: Rig, options: ModelOptions | None = Non
     decided = {parameter.name for parameter in free} & set(options.earlier.names if options.earlier is not None else ())
     chosen, carried = enter(chain, rig, slots, free, decided, options.error_model == "auto")
     held = {parameter.name: parameter.mean for parameter in stated if parameter.name in fixed and parameter.mean}
-    return ErrorModel(chain, slots, tuple(chosen), held, carried, tuple(sessions), earlier=options.earlier, known=_known(stated, options))
+    return ErrorModel(chain, slots, tuple(chosen), held, carried, sessions, earlier=options.earlier, known=_known(stated, options))
 
 
 def missing_screen_parameters(chain: Chain, rig: Rig, errors: ErrorModel) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch
-from urdfcal.base.geometry import Array3, Array4, Matrix, Vector
+from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.base.rotations import skew
 from urdfcal.model.softness import Yielding, across
 from urdfcal.model.walk import Placements
@@ -90,11 +90,23 @@ class ArmKinematics:
         return np.array([np.eye(3) if number < 0 else self.elements[number].axes.T for number in self.last])
 
     @cached_property
+    def undone(self) -> Array3:
+        """The same of the body that carries each of the chain's frames, as placements, (frames, 4, 4)."""
+        undone = np.tile(_UNIT, (len(self.chain.frames), 1, 1))
+        undone[:, :3, :3] = self.turned[[frame.depth for frame in self.chain.frames]]
+        return undone
+
+    @cached_property
     def axes(self) -> tuple[Array3, Array3]:
-        """The axes of the element before each, undone, and of each itself, (elements, 3, 3) both."""
-        axes = np.array([element.axes for element in self.elements])
-        undone = np.concatenate([axes.transpose(0, 2, 1), _UNIT[None, :3, :3]])  # of the screen, -1, it is the last
-        return undone[self.before], axes
+        """The axes of the element before each, undone, and of each itself, as placements, (elements, 4, 4) both."""
+        axes = np.tile(_UNIT, (len(self.elements) + 1, 1, 1))  # of the screen, -1, they are the last
+        axes[:-1, :3, :3] = [element.axes for element in self.elements]
+        return axes.transpose(0, 2, 1)[self.before], axes[:-1]
+
+    @cached_property
+    def still(self) -> Array3:
+        """Placement of each element behind the one before it, where they are of one joint, (elements, 4, 4)."""
+        return np.tile(_UNIT, (len(self.elements), 1, 1))
 
     def chain_positions(self, q: Matrix) -> Matrix:
         """Positions of the moving joints from those that were measured: mimic joints, and joints that carry the screen.
@@ -129,14 +141,27 @@ class Posture:
 
     Attributes:
         q: (elements, n), [rad] and [m].
-        c: Their cosines, (elements, n).
-        s: Their sines, and these with the other sign, (elements, 2, 1, n).
     """
 
     def __init__(self, q: Matrix) -> None:
-        self.q, self.c, s = q, np.cos(q), np.sin(q)
-        self.s = np.stack([s, -s], axis=1)[:, :, None]
+        self.q = q
         self._known: tuple[PlacedArm, Array4] | None = None
+
+    @cached_property
+    def _moved(self) -> Mask:
+        """Which elements are not at zero, as bends are where nothing gives way, (elements, 1)."""
+        return np.asarray(self.q.any(axis=1, keepdims=True))
+
+    @cached_property
+    def c(self) -> Matrix:
+        """Their cosines, (elements, n)."""
+        return np.cos(self.q, out=np.ones_like(self.q), where=self._moved)
+
+    @cached_property
+    def s(self) -> Array4:
+        """Their sines, and these with the other sign, (elements, 2, 1, n)."""
+        s = np.sin(self.q, out=np.zeros_like(self.q), where=self._moved)
+        return np.stack([s, -s], axis=1)[:, :, None]
 
     def __len__(self) -> int:
         return int(self.q.shape[1])
@@ -165,19 +190,15 @@ class PlacedArm:
 
     def __init__(self, arm: ArmKinematics, placed: Placements) -> None:
         self.arm, self.placed, self.rigid = arm, placed, placed.walk.rigid
-        self.steps = np.broadcast_to(_UNIT, (len(arm.elements), 4, 4)).copy()
+        self.steps = arm.still.copy()
         self.steps[arm.firsts] = placed.joints
         before, axes = arm.axes
-        self.steps[:, :3] = before @ self.steps[:, :3]
-        self.steps[:, :3, :3] = self.steps[:, :3, :3] @ axes
+        self.steps = before @ self.steps @ axes
 
     @cached_property
     def locals(self) -> Array3:
         """Placement of each of the chain's frames behind the element that its body follows, (frames, 4, 4)."""
-        turned = self.arm.turned[[frame.depth for frame in self.arm.chain.frames]]
-        placed = self.placed.frames.copy()
-        placed[:, :3] = turned @ placed[:, :3]
-        return placed
+        return np.asarray(self.arm.undone @ self.placed.frames)
 
     @cached_property
     def _of_base(self) -> dict[int, tuple[Matrix, Vector, Matrix]]:

@@ -20,10 +20,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from urdfcal.base.geometry import SE3, Array3, Mask, Matrix, Vector
+from urdfcal.base.geometry import SE3, Array3, Array4, Mask, Matrix, Vector
 
 Rows = npt.NDArray[np.intp]
 _UNIT = np.eye(4)
+_ROUND = [0, 1, 2, 0, 1]  # components, so that those of a cross product follow each other
 
 
 class Stretch:
@@ -114,23 +115,21 @@ class Walk:
     def at(self, x: Vector) -> Placements:
         """The constants at one value of the parameters, (p,)."""
         rows, places, columns, screws, basis, ends = self._compiled
-        screw_of_column = np.zeros((6, len(x)))
-        products = np.broadcast_to(_UNIT, (len(ends), 4, 4))
+        screw_of_column, reached = np.zeros((6, len(x))), self._unmoved.copy()
         if len(columns):
-            factors, reached = self._identities.copy(), np.empty_like(self._identities)
+            factors = self._unmoved[1:].copy()
             factors[places, rows] = _exponentials(basis, x[columns])
             for place, factor in enumerate(factors):
-                reached[place] = products
-                products = products @ factor
+                np.matmul(reached[place], factor, out=reached[place + 1])
             screw_of_column[:, columns] = _carried(reached[places, rows], screws)
-        placed = products @ ends
+        placed = reached[-1] @ ends
         return Placements(self, placed[: self.moving], placed[self.moving :], screw_of_column)
 
     @cached_property
-    def _identities(self) -> Any:
-        """(factors of the longest stretch, stretches, 4, 4)."""
+    def _unmoved(self) -> Array4:
+        """Identities before each factor of every stretch, and behind the last, (factors of the longest stretch + 1, stretches, 4, 4)."""
         longest = max(len(stretch.factors) for stretch in self.stretches)
-        return np.broadcast_to(np.eye(4), (longest, len(self.stretches), 4, 4)).copy()
+        return np.tile(_UNIT, (longest + 1, len(self.stretches), 1, 1))
 
     @cached_property
     def _compiled(self) -> tuple[Rows, Rows, Rows, Matrix, Array3, Array3]:
@@ -161,12 +160,13 @@ def _powers(screws: Matrix) -> Array3:
 def _exponentials(powers: Array3, x: Vector) -> Array3:
     """exp(X x) = I + x X + (1 - cos a) X^2 / |w|^2 + (a - sin a) X^3 / |w|^3 with a = |w| x, of every screw, (k, 4, 4)."""
     angle = powers[:, 0, 16] * x
-    shares = np.stack([x, 1 - np.cos(angle), angle - np.sin(angle)], axis=1)
+    shares = np.empty((len(x), 3))
+    shares[:, 0], shares[:, 1], shares[:, 2] = x, 1 - np.cos(angle), angle - np.sin(angle)
     return np.asarray((shares[:, None] @ powers[:, :, :16]).reshape(-1, 4, 4) + _UNIT)
 
 
 def _carried(placements: Array3, screws: Matrix) -> Matrix:
     """Ad(T) s of every screw (k, 6) and its placement (k, 4, 4), as columns, (6, k)."""
     turned = placements[:, :3, :3] @ screws.reshape(-1, 2, 3).transpose(0, 2, 1)
-    p, (v, w) = placements[:, :3, 3].T, turned.transpose(2, 1, 0)
-    return np.concatenate([v + p[[1, 2, 0]] * w[[2, 0, 1]] - p[[2, 0, 1]] * w[[1, 2, 0]], w])
+    p, w = placements[:, _ROUND, 3], turned[:, _ROUND, 1]
+    return np.concatenate([turned[:, :, 0] + p[:, 1:4] * w[:, 2:] - p[:, 2:] * w[:, 1:4], w[:, :3]], axis=1).T

@@ -6,8 +6,9 @@ order. So a screen on the wall and a screen in the gripper are the same case to 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal
 
@@ -59,6 +60,7 @@ class ModelLayout:
 
 
 Role = Literal["reference", "target", "laser"]
+_BUILT = 8  # error models that a chain knows
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,15 @@ class Chain:
     offset: Vector
     frames: tuple[ChainFrame, ...] = ()
     shoots: tuple[Shoot, ...] = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For copies and files: without what was worked out."""
+        return {own.name: self.__dict__[own.name] for own in fields(self)}
+
+    @cached_property
+    def built(self) -> deque[Any]:
+        """The last error models that were built of it: fit after fit asks for the same (`model/gauge.py`)."""
+        return deque(maxlen=_BUILT)
 
     @cached_property
     def moving(self) -> tuple[Step, ...]:
