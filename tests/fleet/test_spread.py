@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+import sys
 
 import pytest
 
@@ -11,11 +13,11 @@ from urdfcal.base.errors import UsageError
 from urdfcal.fleet.spread import Lost, spread
 
 
-def squared(number: int) -> tuple[int, int, str]:
-    """A square, which process made it, and how many threads its matrices may have."""
+def squared(number: int) -> tuple[int, int, str, bool]:
+    """A square, which process made it, how many threads its matrices may have, and whether something was loaded there before."""
     if number == 13:
         os.kill(os.getpid(), signal.SIGKILL)
-    return number**2, os.getpid(), os.environ.get("OPENBLAS_NUM_THREADS", "")
+    return number**2, os.getpid(), os.environ.get("OPENBLAS_NUM_THREADS", ""), "colorsys" in sys.modules
 
 
 def test_one_process_is_this_one() -> None:
@@ -26,14 +28,16 @@ def test_one_process_is_this_one() -> None:
 def test_several_processes_make_the_same_and_what_dies_is_named_alone() -> None:
     """Every place has its square, made elsewhere with one thread; the batch in which a process is killed is lost, and nothing else."""
     pytest.importorskip("distributed")
-    numbers = [*range(10), 13, *range(20, 26)]
-    made = dict(spread(squared, numbers, workers=2))
+    numbers, method = [*range(10), 13, *range(20, 26)], multiprocessing.get_start_method()
+    made = dict(spread(squared, numbers, workers=2, loading=("colorsys",)))
     assert sorted(made) == list(range(len(numbers)))
     lost = [numbers[place] for place, own in made.items() if isinstance(own, Lost)]
     assert lost == [13]
     squares = [own for own in made.values() if not isinstance(own, Lost)]
     assert sorted(own[0] for own in squares) == sorted(number**2 for number in numbers if number != 13)
     assert {own[2] for own in squares} == {"1"}
+    assert all(own[3] for own in squares)  # also in the process that came for the one that was killed
+    assert multiprocessing.get_start_method() == method
     assert os.getpid() not in {own[1] for own in squares}
 
 

@@ -51,7 +51,7 @@ def over(work: Callable[[Seed], Made], seeds: Sequence[Seed], arguments: argpars
     made = {} if kept is None else {seed: _read(kept / f"{seed}.pickle") for seed in seeds if (kept / f"{seed}.pickle").is_file()}
     missing = [seed for seed in seeds if seed not in made]
     with working_through("studying", False), counted("seed", len(missing)) as advance:
-        for place, own in spread(work, missing, arguments.jobs):
+        for place, own in spread(work, missing, arguments.jobs, loading=("urdfcal.api",)):
             if isinstance(own, Lost):
                 raise RuntimeError(f"seed {missing[place]}: the process ended that worked at it: {own.why}")
             made[missing[place]] = own

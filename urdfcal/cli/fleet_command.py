@@ -104,12 +104,12 @@ def _folder(output: Path) -> Path:
 def _all(rows: Sequence[FleetRow], into: Path, workers: int | None, scheduler: str | None) -> list[Outcome]:
     """Every robot, in the order of the manifest."""
     from urdfcal.base.progress import counted
-    from urdfcal.cli.fleet_worker import fit_row
+    from urdfcal.cli.fleet_worker import LOADED, fit_row
     from urdfcal.fleet.spread import Lost, spread
 
     found: dict[int, Outcome] = {}
     with counted("robot", len(rows)) as advance:
-        for place, own in spread(partial(fit_row, into=into), rows, workers, scheduler):
+        for place, own in spread(partial(fit_row, into=into), rows, workers, scheduler, loading=LOADED):
             found[place] = _lost(rows[place].name, own) if isinstance(own, Lost) else own
             advance()
     return [found[place] for place in range(len(rows))]

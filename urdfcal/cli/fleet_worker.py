@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from urdfcal.fleet.outcome import Outcome
 
 RESULT = "result.json"
+LOADED = ("urdfcal.api", "urdfcal.cli.fit_command", "urdfcal.cli.fit_outputs")
 _alone = threading.Lock()  # a command has its process's streams and working folder for itself
 
 

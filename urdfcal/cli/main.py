@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 from copy import copy
@@ -14,6 +13,7 @@ import typer
 from urdfcal.base import opened
 from urdfcal.base.errors import UrdfcalError
 from urdfcal.base.foreign_text import shown
+from urdfcal.base.garbage import look_seldom
 from urdfcal.cli.apply_command import apply
 from urdfcal.cli.boards_command import boards
 from urdfcal.cli.camera_command import camera
@@ -88,7 +88,7 @@ def _commands(wanted: str) -> Any:
 
 def main() -> NoReturn:
     """Run the command line; every error of the user's is one line on stderr and exit code 2."""
-    gc.set_threshold(50_000, 5, 5)  # modules make many objects and no garbage: looking for some took a twentieth of a fit
+    look_seldom()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # our matrices are small: on a busy machine threads cost far more than they bring
     try:
         sys.argv[0] = "urdfcal"  # as it is called in what is recorded, also where it ran as a module
