@@ -205,7 +205,7 @@ def study(robot: RealRobot, folder: Path, splits: int, names: Iterable[str]) -> 
                 found = urdfcal.fit(nominal, train, **OPTIONS.get(option, {}))
                 after.add(left_over(found, test, option == SAG), test)
                 if number == 0:
-                    before.add(found.nominal.linearise(test), test)
+                    before.add(found.nominal.residuals(test), test)
             seconds = (time.process_time() - began) / len(group)
             size, tested = len(group[0].train), len(group[0].test)
             if number == 0:

@@ -53,7 +53,7 @@ def held_out(folder: str, split_name: str, options: tuple[tuple[str, object], ..
             test = robot.part(data, split.test)
             found = urdfcal.fit(nominal, robot.part(data, split.train), **dict(options))  # type: ignore[arg-type]
             assert not found.rejection, found.rejection
-            before.add(found.nominal.linearise(test), test)
+            before.add(found.nominal.residuals(test), test)
             after.add(left_over(found, test), test)
     return HeldOut(rms(before.mm), rms(after.mm), rms(after.deg) if after.deg else np.nan)
 

@@ -170,7 +170,7 @@ def _judged_by_nominal(judge: Judge, apart: _Apart, model: Problem, prior: Belie
     if not out.any():
         return apart
     together = lie_together(model.errors.chain, data, np.asarray(out.any(axis=1)))
-    back = explained_by_nominal(here, judge.nominal.linearise(data).of_poses(n), apart.estimate.noise, out, bool(together))
+    back = explained_by_nominal(here, judge.nominal.residuals(data).of_poses(n), apart.estimate.noise, out, bool(together))
     apart, kept = replace(apart, together=together), apart.kept.copy()
     kept[:n] |= back
     return _keeping(kept, apart, model, prior, noise) if back.any() else apart

@@ -275,8 +275,16 @@ class Problem:
         """Residual and Jacobian of everything that was measured, as a function of x."""
         return remembering(self._linearised)
 
+    def residuals(self, x: Vector) -> Linearisation:
+        """The same where residuals are what is wanted: derivatives by the parameters are worked out if they are asked for after all."""
+        return self._put_together(self._swept(x, summing=False, keeping=False), x)
+
     def _linearised(self, x: Vector) -> Linearisation:
-        swept = self._swept(x, summing=not self._dense, keeping=self._dense or self._asked.pop("jacobian", False))
+        keeping = self._dense or self._asked.pop("jacobian", False)
+        return self._put_together(self._swept(x, summing=not self._dense, keeping=keeping), x)
+
+    def _put_together(self, swept: _Swept, x: Vector) -> Linearisation:
+        """What was swept, with what is known beforehand."""
         known = _known_rows(self.errors, self.data.lengths, x)
         linearised = _with_known(
             Linearisation(
@@ -340,6 +348,8 @@ class Problem:
         rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
         g = np.zeros((n, m, 6))
         beside = [channel.take(swept, g, look, of_rig, motion, rows) for channel, look, of_rig in self._looks(motion, rows, x)]
+        if swept.jacobian is None and swept.summing is None and not self.joints:
+            return
         columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
         self._shares[part.session].apply(columns)
         for put in filter(None, beside):

@@ -41,7 +41,7 @@ def with_test(calibration: Result, test: Measurements) -> Result:
     measured = within_reach(whole, x) if outliers else whole
 
     def tables(model: Problem) -> tuple[SpotTable, SpotTable]:
-        return calibration.nominal.table(model.data), error_table(model.linearise(x), len(test))
+        return calibration.nominal.table(model.data), error_table(model.residuals(x), len(test))
 
     return replace(
         calibration,

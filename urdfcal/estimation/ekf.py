@@ -104,9 +104,9 @@ def update(belief: Belief, innovation: Vector, H: Matrix, R: Matrix) -> tuple[Be
         The belief after it, and the normalised innovation squared, chi-squared with m degrees of freedom.
     """
     HP = H @ belief.P
-    solved = np.linalg.solve(HP @ H.T + R, np.column_stack([HP, innovation]))
-    K = solved[:, :-1].T
-    return Belief(belief.x + K @ innovation, _joseph(belief.P, HP, H, K, K @ R)), float(innovation @ solved[:, -1])
+    inverse = np.linalg.inv(HP @ H.T + R)
+    K = (inverse @ HP).T
+    return Belief(belief.x + K @ innovation, _joseph(belief.P, HP, H, K, K @ R)), float(innovation @ inverse @ innovation)
 
 
 def _joseph(P: Matrix, HP: Matrix, H: Matrix, K: Any, KR: Any) -> Matrix:

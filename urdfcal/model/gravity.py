@@ -1,7 +1,7 @@
 """Gravity's moments at the joints: what bends an arm under its own weight.
 
 Every joint carries the part of the robot behind it. The force and moment that this part's weight puts on the joint are those of
-Pinocchio's recursive Newton-Euler algorithm at rest, with the sign turned: `data.f` is what holds the part, gravity pulls the other way.
+Pinocchio's recursion for the generalised gravity, with the sign turned: `data.f` is what holds the part, gravity pulls the other way.
 
 Inertias are the URDF's where they look real. Where links of the way have none, or all the same placeholder, every moving link gets a
 generic mass instead: a rod from its joint to the next one, and a drive at the joint. Only moments relative to a joint's own largest one
@@ -89,12 +89,15 @@ class WeighedRobot:
         return self._moments(*self._kilograms[link], q)
 
     def _moments(self, model: Any, data: Any, q: Matrix) -> Array3:
-        rest, moments = np.zeros(model.nv), np.empty((len(q), len(self.joints), 3))
-        pin.rnea(model, data, pin.neutral(model), rest, rest)
+        moments, joints = np.empty((len(q), len(self.joints), 3)), np.array(self.joints)
+        pin.computeGeneralizedGravity(model, data, pin.neutral(model))
         forces = _forces_in(data)
-        for pose, configuration in enumerate(self.whole.configurations(q)):
-            pin.rnea(model, data, configuration, rest, rest)
-            moments[pose] = forces[self.joints, 3:] if forces is not None else [data.f[joint].angular for joint in self.joints]
+        for own, configuration in zip(moments, self.whole.configurations(q), strict=True):
+            pin.computeGeneralizedGravity(model, data, configuration)
+            if forces is None:
+                own[:] = [data.f[joint].angular for joint in self.joints]
+            else:
+                forces[:, 3:].take(joints, axis=0, out=own, mode="clip")  # which, other than an index, makes no copy
         return -moments
 
 

@@ -52,17 +52,18 @@ _ON_SCREEN = {
 }
 LEAST_LENGTH = 0.1  # [m] of beams that are simulated: nearer to the screen the nominal robot's module may already stand behind it
 LEAST_ZX = 0.3  # beams that graze the screen more flatly than this make no spot
+_ALONG, _QUARTER = np.eye(2), np.array([1.0, -1.0])  # v_y and v_z as they are; (z, -y) is (z, y) times this
 
 
 def spots_on_screen(source: Array3, direction: Array3) -> tuple[Array3, Matrix]:
     """Where beams meet the screen: equations (7) and (8).
 
     Args:
-        source: (n, lasers, 3) in screen axes, [m].
-        direction: (n, lasers, 3) unit vectors in screen axes.
+        source: (..., 3) in screen axes, [m].
+        direction: (..., 3) unit vectors in screen axes.
 
     Returns:
-        Spots (y, z), (n, lasers, 2), [m]; and beam lengths k, (n, lasers), [m], negative where the screen lies behind the laser
+        Spots (y, z), (..., 2), [m]; and beam lengths k, (...), [m], negative where the screen lies behind the laser
         and infinite or nan where the beam is parallel to it.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -94,33 +95,29 @@ def spot_jacobian(spots: Array3, direction: Array3) -> Array4:
     s - p = k z, these are the two rows of equation (11).
 
     Args:
-        spots: (n, lasers, 2), [m].
-        direction: (n, lasers, 3).
+        spots: (..., 2), [m].
+        direction: (..., 3).
 
     Returns:
-        (n, lasers, 2, 6); rows are y and z of the spot.
+        (..., 2, 6); rows are y and z of the spot.
     """
-    y, z = spots[..., 0], spots[..., 1]
-    jac2 = np.zeros((*y.shape, 2, 6))
+    jac2, turned = np.zeros((*spots.shape, 6)), spots[..., ::-1] * _QUARTER
     with np.errstate(divide="ignore", invalid="ignore"):
         lean = direction[..., 1:] / -direction[..., :1]
-        jac2[..., 0] = lean
-        jac2[..., 0, 1] = jac2[..., 1, 2] = 1.0
-        jac2[..., 0, 3], jac2[..., 1, 3] = -z, y
-        jac2[..., 4] = z[..., None] * lean
-        jac2[..., 5] = -y[..., None] * lean
+        jac2[..., 0], jac2[..., 1:3], jac2[..., 3] = lean, _ALONG, -turned
+        jac2[..., 4:] = lean[..., None] * turned[..., None, :]
     return jac2
 
 
 @dataclass(frozen=True)
 class Beams:
-    """Where the beams of a robot's lasers are at some poses.
+    """Where beams are at some poses: of all of a robot's lasers, (n, lasers), or of one, (n,).
 
     Attributes:
-        source: Where they leave, (n, lasers, 3) in screen axes, [m].
-        direction: (n, lasers, 3) unit vectors in screen axes.
-        spots: Where they meet the plane of the screen, (n, lasers, 2) = (y, z), [m].
-        length: How far that is, (n, lasers), [m]; negative behind the laser, infinite or nan where beam and screen are parallel.
+        source: Where they leave, (..., 3) in screen axes, [m].
+        direction: (..., 3) unit vectors in screen axes.
+        spots: Where they meet the plane of the screen, (..., 2) = (y, z), [m].
+        length: How far that is, (...), [m]; negative behind the laser, infinite or nan where beam and screen are parallel.
     """
 
     source: Array3
@@ -130,23 +127,23 @@ class Beams:
 
     @property
     def meets(self) -> Mask:
-        """Which of them meet the screen at all, (n, lasers)."""
+        """Which of them meet the screen at all, (...)."""
         with np.errstate(invalid="ignore"):
             return np.asarray((self.length > 0) & (self.length < np.inf))
 
     @property
     def meets_plainly(self) -> Mask:
-        """Which of them meet the screen at no grazing angle, so that it can be seen where, (n, lasers)."""
+        """Which of them meet the screen at no grazing angle, so that it can be seen where, (...)."""
         with np.errstate(invalid="ignore"):
             return np.asarray(self.meets & (np.abs(self.direction[..., 0]) > LEAST_ZX / 10))
 
     def makes_spot(self, nearest: float = 0.0, farthest: float = np.inf) -> Mask:
-        """Which of them make a spot that can be measured, within a range of lengths [m], (n, lasers): see `makes_spot`."""
+        """Which of them make a spot that can be measured, within a range of lengths [m], (...): see `makes_spot`."""
         return makes_spot(self.length, self.direction, nearest, farthest)
 
 
 def beams_of(source: Array3, direction: Array3) -> Beams:
-    """Beams from their sources along their directions, both (n, lasers, 3) in screen axes."""
+    """Beams from their sources along their directions, both (..., 3) in screen axes."""
     spots, length = spots_on_screen(source, direction)
     return Beams(source, direction, spots, length)
 
@@ -164,8 +161,8 @@ def beams_at(errors: ErrorModel, x: Vector, q: Matrix, session: str | None = Non
 
 def _beams_seen(view: View) -> tuple[Matrix, Mask, Matrix]:
     """Spots (n, 2) of the beams of one laser, [m], which of them there are not, (n,), and the beams' directions, (n, 3)."""
-    beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
-    return beams.spots[:, 0], ~beams.meets[:, 0], beams.direction[:, 0]
+    beams = beams_of(view.p, view.R[:, :, 2])
+    return beams.spots, ~beams.meets, beams.direction
 
 
 def _on_screen(spots: Matrix) -> Matrix:
@@ -175,8 +172,8 @@ def _on_screen(spots: Matrix) -> Matrix:
 
 def _predicted_spots(view: View) -> Matrix:
     """Where the beams of one laser plainly meet the screen, (n, 3) in its axes, [m]; nan where they do not."""
-    beams = beams_of(view.p[:, None], view.R[:, None, :, 2])
-    return np.where(beams.meets_plainly, _on_screen(beams.spots[:, 0]), np.nan)
+    beams = beams_of(view.p, view.R[:, :, 2])
+    return np.where(beams.meets_plainly[:, None], _on_screen(beams.spots), np.nan)
 
 
 _BOW, _LENS = 4e-3, (8e-3, 4e-3)  # [1/m], [1/m^2]: a millimetre half a metre from the midst
@@ -200,7 +197,7 @@ class SpotSensor(Sensor):
     def look(self, view: View, values: Matrix) -> Look:
         """See the base class."""
         spots, lost, direction = _beams_seen(view)
-        return Look(values - spots, spot_jacobian(spots[:, None], direction[:, None])[:, 0], lost=lost)
+        return Look(values - spots, spot_jacobian(spots, direction), lost=lost)
 
     def read(self, view: View) -> Matrix:
         """See the base class; also of beams that leave the screen behind them."""
@@ -316,7 +313,7 @@ class SpotPixelSensor(PixelSensor):
         T_camera_screen, twists = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
         points = _in_camera(T_camera_screen, spots)
         by_point = self.camera.project_jacobian(points)
-        jac2 = by_point @ T_camera_screen.rotation[:, 1:] @ spot_jacobian(spots[:, None], direction[:, None])[:, 0]
+        jac2 = by_point @ T_camera_screen.rotation[:, 1:] @ spot_jacobian(spots, direction)
         v, w = twists[:3], twists[3:]
         moved = v.T[None] + np.cross(w.T[None], points[:, None])  # (n, 6, 3) in camera axes
         return Look(values - self.camera.project(points), jac2, by_point @ moved.transpose(0, 2, 1), lost)

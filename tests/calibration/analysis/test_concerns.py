@@ -52,7 +52,7 @@ def near(data: Measurements, count: int) -> Mask:
 
 def as_nominal_has_it(found: Calibration, data: Measurements, rows: Mask) -> Measurements:
     """The measurements with some poses where the nominal robot has them."""
-    spots = data.spots + np.where(rows[:, None, None], -found.nominal.linearise(data).residual.reshape(data.spots.shape), 0.0)
+    spots = data.spots + np.where(rows[:, None, None], -found.nominal.residuals(data).residual.reshape(data.spots.shape), 0.0)
     return data.with_spots(spots)
 
 
@@ -72,7 +72,7 @@ def test_a_cluster_where_the_nominal_robot_is_right_is_found(healthy: Calibratio
     cluster = worst_clusters(with_test(healthy, spoilt))[0]
     named = {test.where(int(row)) for row in np.flatnonzero(rows)}
     assert len(named & set(cluster.poses)) >= 4
-    off = np.linalg.norm((healthy.nominal.linearise(test).residual[:, :2])[rows], axis=1)
+    off = np.linalg.norm((healthy.nominal.residuals(test).residual[:, :2])[rows], axis=1)
     assert cluster.nominal < cluster.calibrated < off.max() / MM * 2
     assert "the nominal one" in cluster.words()
 
@@ -113,7 +113,7 @@ def test_a_farthest_pose_that_is_no_nearer_is_said(healthy: Calibration) -> None
     """Where the farthest of the test readings is farther than the nominal robot's farthest, both figures are said."""
     assert healthy.test_data is not None
     spots = healthy.test_data.spots.copy()
-    spots[5, 0] += -0.05 * np.sign(healthy.nominal.linearise(healthy.test_data).residual[5, :2])
+    spots[5, 0] += -0.05 * np.sign(healthy.nominal.residuals(healthy.test_data).residual[5, :2])
     found = with_test(healthy, healthy.test_data.with_spots(spots))
     after, before = pose_distances(found)
     assert (worst_poses(found) != ()) == (after.max() > before.max() + 1e-3)

@@ -159,7 +159,7 @@ def _held_out(found: FitResult) -> Iterator[_Set]:
         model = problem_of(errors, test, noise)
         out = gross_mask(model, replace(found.estimate, noise=noise))[: len(test)]
         together = lie_together(errors.chain, test, np.asarray(out.any(axis=1)))
-        yield _set("test", test, model.linearise(x), found.nominal.linearise(test), out, bool(together))
+        yield _set("test", test, model.linearise(x), found.nominal.residuals(test), out, bool(together))
     if found.folds is not None and found.folds.left_out is not None and len(found.folds.left_out[0].residual) == len(found.data):
         yield _set("k-fold", found.read, *found.folds.left_out, left_out(found)[0], bool(found.together))
 
@@ -168,7 +168,7 @@ def _fitted(found: FitResult) -> Iterator[_Set]:
     data = found.read
     if not data.empty:
         calibrated = problem_of(found.errors, data, found.estimate.noise).linearise(found.x)
-        yield _set("fit", data, calibrated, found.nominal.linearise(data), left_out(found)[0], bool(found.together))
+        yield _set("fit", data, calibrated, found.nominal.residuals(data), left_out(found)[0], bool(found.together))
 
 
 def _set(name: str, data: Measurements, calibrated: Linearisation, nominal: Linearisation, out: Mask, together: bool) -> _Set:

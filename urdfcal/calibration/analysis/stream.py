@@ -112,27 +112,25 @@ class Ready:
 
     def __init__(self, one: PoseByPose, noise: Noise, kinds: Sequence[str], extra: Mapping[str, float]) -> None:
         """Of a linearisation, the noise by kind, and what comes on top of noise that is stated with a reading, by kind."""
-        self._one, self._noise, self.kinds = one, noise, tuple(kinds)
-        self._usual = noise.sigma[one.kind] ** 2
+        self._one, self._noise, self._of_joints, self.kinds = one, noise, noise.of_joints, tuple(kinds)
+        self._usual, self._usual_R = noise.sigma[one.kind] ** 2, np.diag(noise.sigma[one.kind] ** 2)
         self._extra = np.array([extra.get(kind, 0.0) for kind in kinds])[one.kind]
 
     def at(self, row: Row) -> Arrived:
         """One of them."""
-        found, measured, variance = self._one.at(row.q, row.values), self._one.measured(row.values), self._variance(row)
-        lost, R = found.lost, np.diag(variance)
-        if self._noise.of_joints:
+        found, measured = self._one.at(row.q, row.values), self._one.measured(row.values)
+        lost, R = found.lost, self._usual_R if row.sigma is None else np.diag(self._variance(row.sigma))
+        if self._of_joints:
             reach = found.by_joints * self._noise.joint_sigma
-            R += reach @ reach.T
+            R = R + reach @ reach.T
         if measured is None:
             return Arrived(found.residual, found.H, R, lost is not None and bool(lost.any()))
         own = R[np.ix_(measured, measured)]
         return Arrived(found.residual[measured], found.H[measured], own, lost is not None and bool(lost[measured].any()))
 
-    def _variance(self, row: Row) -> Vector:
-        """Of every number, (m,), as it is stated or as is usual."""
-        if row.sigma is None:
-            return np.asarray(self._usual)
-        stated = np.hypot(row.sigma[self._one.reading], self._extra)
+    def _variance(self, sigma: Vector) -> Vector:
+        """Of every number, (m,), as it is stated with the readings, (readings,), or as is usual."""
+        stated = np.hypot(sigma[self._one.reading], self._extra)
         return np.asarray(np.where(np.isnan(stated), self._usual, stated**2))
 
 

@@ -50,15 +50,15 @@ class NominalFit:
         """The uncalibrated robot and its state for other measurements: see `with_new_places`."""
         return with_new_places(self.alone, self.instruments, data, noise_for(self.noise, self.kinds, data))
 
-    def linearise(self, data: Measurements) -> Linearisation:
+    def residuals(self, data: Measurements) -> Linearisation:
         """Residuals of the uncalibrated robot."""
         with np.errstate(invalid="ignore"):
             errors, x = self.with_new_places(data)
-            return Problem(errors, data).linearise(x)
+            return Problem(errors, data).residuals(x)
 
     def table(self, data: Measurements) -> SpotTable:
         """Distances of the uncalibrated robot."""
-        return error_table(self.linearise(data), len(data))
+        return error_table(self.residuals(data), len(data))
 
 
 def nominal_fit(errors: ErrorModel, data: Measurements, noise: Noise, max_sweeps: int | None = None) -> NominalFit:
@@ -127,7 +127,7 @@ def _bare(robot: Robot, data: Measurements) -> ErrorModel:
 def beams_that_miss(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """A warning where a beam was seen that does not meet the screen in the robot as its URDF has it."""
     data = replace(data, readings=tuple(reading for reading in data.readings if reading.kind.beam), lengths=())
-    lost = Problem(_bare(robot, data), data).linearise(np.empty(0)).lost
+    lost = Problem(_bare(robot, data), data).residuals(np.empty(0)).lost
     words = unreached_words(data, lost, [reading.target for reading in data.readings], "this robot") if lost is not None else ""
     return (f"{words}; such distances mean nothing",) if words else ()
 
