@@ -293,7 +293,11 @@ USAGE = {
         "small.urdf: is an input of this command",
     ),
     "simulate no poses": ("simulate small.urdf -o out.csv --poses 0", {}, "--poses"),
-    "simulate scales": ("simulate small.urdf -o out.csv --errors 2", {}, "'2' is not a prior"),
+    "simulate scales": (
+        "simulate small.urdf -o out.csv --errors 2",
+        {},
+        "--errors 2: expected a length and an angle such as 2mm,0.2deg, none,",
+    ),
     "simulate noise": ("simulate small.urdf -o out.csv --noise pink", {}, "'pink' is not one of 'gaussian', 'uniform'"),
     "simulate noise negative": ("simulate small.urdf -o out.csv --spot-noise-mm -1", {}, "noise must be finite and not negative"),
     "simulate onto the errors": ("simulate small.urdf -o m.csv --errors m.csv", {}, "m.csv: is an input of this command"),

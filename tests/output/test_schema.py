@@ -31,6 +31,7 @@ SCHEMAS = {
 ARM7 = str(ROBOTS_DIR / "arm7" / "arm7.urdf.xacro"), str(ROBOTS_DIR / "arm7" / "measurements.csv")
 BOARD = "charuco:5x4:30mm:22mm"
 RIGS = ("--screen", "1.3,0,0.5"), ("--tracker",)
+FEW = "--candidates", "30", "--no-collisions"
 SENSORS = "--sensor", "pose:tool", "--sensor", "socket:tool:ball"
 
 
@@ -62,6 +63,7 @@ def outputs(run_cli: Callable[..., CliResult], folder: Path) -> dict[str, list[A
         "correct": [run("correct", *targets), run("correct", *targets, "--report", "t.html")],
         "boards": [run("boards", *pictures_of_a_board(folder), "--board", f"hand={BOARD}", "--camera", "camera.yaml", "-o", "b.csv")],
         "paper": [paper(run)],
+        "poses": [run("poses", "small.urdf", "-o", "p.csv", "--sensor", "point:tool", *FEW, *rest) for rest in ((), ("--check",))],
         "simulate": [simulated, run("simulate", "small.urdf", "-o", "fleet/", "--robots", "2", "--poses", "3")],
         "fit": [run("fit", *ARM7, "-o", "arm7.urdf"), run("fit", *sensed, "-o", "s.urdf", "--kfold", "2"), run("fit", *few)],
         "check": [run("check", *sensed)],

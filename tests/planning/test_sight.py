@@ -118,6 +118,18 @@ def test_a_target_opens_along_its_z(robot: Robot, rng: np.random.Generator) -> N
     assert Eyes(made, Sight()).geometry(q).any.all()
 
 
+def test_a_tracker_sees_from_its_least_to_its_largest_distance(robot: Robot, rng: np.random.Generator) -> None:
+    """Of 500 random poses those whose target is 1 to 1.6 m from the tracker, by Pinocchio's frames; the reasons say which is which."""
+    made = made_of(robot, "pose:tool0", reference="camera")
+    q = random_positions(made.robot, 500, rng)
+    far = np.array([np.linalg.norm(camera.translation - tool.translation) for camera, tool in frames_of(made.robot, q, "camera", "tool0")])
+    found = Eyes(made, Sight(nearest=1.0, farthest=1.6)).geometry(q)
+    assert np.array_equal(found.any, (far >= 1.0) & (far <= 1.6))
+    assert np.array_equal(found.why == "are nearer to the instrument than 1 m", far < 1.0)
+    assert np.array_equal(found.why == "are farther from the instrument than 1.6 m", far > 1.6)
+    assert min((far < 1.0).sum(), (far > 1.6).sum(), found.any.sum()) > 20
+
+
 def test_lines_of_sight_end_at_tracker_and_target(robot: Robot, rng: np.random.Generator) -> None:
     """What is asked whether it is hidden are these two points, brought into the root by Pinocchio, and what is hidden is not read."""
     made = made_of(robot, "pose:tool0", reference="camera")

@@ -124,6 +124,21 @@ def test_what_hangs_on_no_number_is_left_out_and_said(where: str, bad: str) -> N
     assert good.tree.warnings == ()
 
 
+def test_the_same_fault_of_many_links_is_one_line() -> None:
+    """How many there are, where the first one is, and the first three links; another fault has a line of its own."""
+    bad = BESIDE["collision"].replace("BAD", "Yes")
+    links = "".join(
+        f'<link name="l{k}">{bad}</link><joint name="j{k}" type="fixed"><parent link="tool"/><child link="l{k}"/></joint>' for k in range(5)
+    )
+    other = f'<link name="upper">{BESIDE["collision"].replace("BAD", "No")}</link>'
+    robot = robot_of(URDF.replace('<link name="upper"/>', other).replace("</robot>", f"{links}</robot>"))
+    one, many = robot.tree.warnings
+    assert one.startswith("link 'upper': the <collision> on line 5 is left out: xyz: 'No'")
+    assert re.fullmatch(
+        r"5 <collision>, the first on line \d+, of links 'l0', 'l1', 'l2' and 2 more are left out: xyz: 'Yes' is not a finite number", many
+    )
+
+
 @pytest.mark.parametrize("bad", NO_NUMBERS)
 @pytest.mark.parametrize(
     "part", ['xyz="0 0 0.2"', 'xyz="0.05 0.04 0.02"', 'rpy="0.1 0 0"', 'xyz="0 1 0"', 'lower="0"', '<axis xyz="0 0 1"/>\n']

@@ -196,3 +196,96 @@ def test_se3_of_the_screen_is_a_rotation() -> None:
         rotation = random_camera(np.random.default_rng(8), side).T_camera_screen.rotation
         assert np.linalg.det(rotation) == pytest.approx(1.0)
         np.testing.assert_allclose(pin.exp3(pin.log3(rotation)), rotation, atol=1e-12)
+
+
+ROS = """\
+image_width: 640
+image_height: 480
+camera_name: eye
+camera_matrix: {rows: 3, cols: 3, data: [535.9, 0, 342.3, 0, 536.0, 235.6, 0, 0, 1]}
+distortion_model: MODEL
+distortion_coefficients: {rows: 1, cols: 5, data: NUMBERS}
+rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
+"""
+ECHOED = """\
+width: 640
+height: 480
+distortion_model: MODEL
+d: NUMBERS
+k: [535.9, 0.0, 342.3, 0.0, 536.0, 235.6, 0.0, 0.0, 1.0]
+binning_x: 0
+"""
+PLAIN = "size_px: [640, 480]\nintrinsics: {fx: 535.9, fy: 536.0, cx: 342.3, cy: 235.6}\n"
+
+
+@pytest.mark.parametrize("text", [ROS, ECHOED], ids=["file", "echoed"])
+@pytest.mark.parametrize(
+    ("model", "numbers"),
+    [
+        ("plumb_bob", [-0.27, -0.04, 0.0018, -0.0003, 0.24]),
+        ("plumb_bob", [-0.27, -0.04, 0.0018, -0.0003]),
+        ("plumb_bob", []),
+        ("''", []),
+        ("rational_polynomial", [-0.27, -0.04, 0.0018, -0.0003, 0.24, 0.1, 0.02, 0.003]),
+    ],
+)
+def test_ros_and_its_numbers_put_points_where_opencv_does(text: str, model: str, numbers: list[float], tmp_path: Path) -> None:
+    """What camera_info says of a lens is the camera whose pixels OpenCV computes from the same numbers."""
+    path = tmp_path / "info.yaml"
+    path.write_text(text.replace("MODEL", model).replace("NUMBERS", str(numbers)))
+    matrix = np.array([[535.9, 0, 342.3], [0, 536.0, 235.6], [0, 0, 1]])
+    points = np.array([[0.1, -0.2, 1.0], [-0.3, 0.1, 1.2]])
+    by_opencv = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, np.array(numbers) if numbers else None)[0][:, 0]
+    camera = read_camera(path)
+    np.testing.assert_allclose(camera.project(points), by_opencv, atol=1e-9)
+    assert camera.size == (640, 480)
+
+
+def test_what_opencv_writes_of_a_camera_is_read(tmp_path: Path) -> None:
+    """A FileStorage of OpenCV, with its own first line and tags, and a fisheye of ROS, are the cameras that they are."""
+    path, matrix = tmp_path / "camera.yml", np.array([[535.9, 0, 342.3], [0, 536.0, 235.6], [0, 0, 1]])
+    stored = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    stored.write("image_width", 640)
+    stored.write("image_height", 480)
+    stored.write("camera_matrix", matrix)
+    stored.write("distortion_coefficients", np.array([[-0.27, -0.04, 0.0018, -0.0003, 0.24]]))
+    stored.release()
+    camera = read_camera(path)
+    np.testing.assert_array_equal(camera.matrix, matrix)
+    np.testing.assert_array_equal(camera.distortion, [-0.27, -0.04, 0.0018, -0.0003, 0.24])
+    path.write_text(ROS.replace("MODEL", "equidistant").replace("NUMBERS", "[0.1, 0.01, 0.02, 0.003]"))
+    assert read_camera(path).lens == "fisheye"
+
+
+def test_a_camera_without_distortion_is_a_pinhole(tmp_path: Path) -> None:
+    """Numbers of the distortion that nobody wrote are zero: pixels are (fx X / Z + cx, fy Y / Z + cy)."""
+    path = tmp_path / "camera.yaml"
+    path.write_text(PLAIN)
+    point = np.array([[0.2, -0.1, 1.6]])
+    np.testing.assert_allclose(read_camera(path).project(point), [[535.9 / 8 + 342.3, -536.0 / 16 + 235.6]], atol=1e-9)
+    path.write_text(PLAIN.replace("235.6}", "235.6, k1: -0.2}"))
+    assert read_camera(path).distortion.tolist() == [-0.2, 0, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("plumb_bob", "double_sphere", "found 'double_sphere', expected plumb_bob, rational_polynomial"),
+        ("[0.1]", "[0.1, 0, 0, 0, 0, 0.2]", "6 coefficients, of which a plain lens has 5"),
+        ("[0.1]", "[a]", "'distortion_coefficients': expected numbers"),
+        ("535.9, 0, 342.3", "535.9, 2, 342.3", r"expected \[fx, 0, cx"),
+        ("535.9, 0, 342.3", "535.9, 342.3", "expected 9 numbers, found 8"),
+        ("image_width", "image_wide", "has no entries 'image_width'"),
+        ("camera_name: eye", "binning_x: 2", "not binned"),
+        ("image_width: 640", "image_width: wide", "'image_width': found 'wide', expected a whole number"),
+    ],
+)
+def test_a_broken_camera_info_is_refused_by_name(old: str, new: str, words: str, tmp_path: Path) -> None:
+    """One line that names the file, the entry, what was found and what is expected."""
+    text = ROS.replace("MODEL", "plumb_bob").replace("NUMBERS", "[0.1]")
+    assert old in text
+    path = tmp_path / "info.yaml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=words) as refusal:
+        read_camera(path)
+    assert str(refusal.value).startswith(str(path))

@@ -2,6 +2,7 @@
 
 Numbers, truth values and text are told apart as by YAML 1.2: `1e-3` is a number, `yes` and `1:30` are text, and so is `010`, which one
 reader takes for eight and another for ten. Dates, `<<` and `=` are text, too. The name of an entry is text, whatever it looks like.
+What OpenCV writes is read, too, though its first line is no YAML: `%YAML:1.0`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ruamel.yaml.scanner import Scanner
 
 _KIND = "tag:yaml.org,2002:"
 _SCALARS = ("null", "bool", "int", "float", "str")
+_SAYS_NOTHING = {_KIND + "opencv-matrix"}  # tags of entries that say all by themselves
 _PLAIN = {_KIND + kind for kind in (*_SCALARS, "seq", "map")}
 _DEEPEST = 30  # levels of nesting; no file of ours has more than six
 _MOST_DIGITS = 100  # of a whole number; more fit into neither a double nor a message
@@ -49,7 +51,7 @@ def read_tree(text: str) -> tuple[Any, int | None]:
     reader = YAML(typ="safe", pure=True)  # without comments, which the C code or another reader would have to keep
     reader.Scanner, reader.Composer, reader.Constructor, reader.Resolver = _Scanner, _Composer, _Constructor, _Resolver
     try:
-        return reader.load(text), reader.composer.first_line
+        return reader.load(re.sub(r"\A%YAML:1\.0", "#", text)), reader.composer.first_line
     except MarkedYAMLError as trouble:
         raise NotPlain(_unreadable(trouble.problem or trouble), _line(trouble.problem_mark)) from None
     except ReaderError as trouble:
@@ -102,6 +104,8 @@ class _Composer(Composer):
         line = _line(event.start_mark)
         if isinstance(event, AliasEvent):
             raise NotPlain(f"the alias '*{event.anchor}' is refused; write the entry out", line)
+        if event.tag in _SAYS_NOTHING:
+            event.ctag = None
         if event.tag is not None:
             raise NotPlain(f"the tag '{event.tag.replace(_KIND, '!!')}' is refused; write the value without it", line)
         event.anchor = None  # nothing refers to it

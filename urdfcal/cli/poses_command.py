@@ -46,7 +46,7 @@ from urdfcal.cli.places import (
     stated_place,
     told,
 )
-from urdfcal.cli.stated import positive, stated_area
+from urdfcal.cli.stated import metres_of, positive, stated_area
 
 if TYPE_CHECKING:
     from urdfcal.base.geometry import Matrix
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from urdfcal.planning.plan import PosePlan
     from urdfcal.planning.tour import Tour
     from urdfcal.robot.robot import Robot
+    from urdfcal.sensors.sensor import Sight
 
 _TEST = 5  # every such pose is to test on
 _MOST = 200  # poses that --until tries
@@ -176,6 +177,15 @@ def poses(
             rich_help_panel=RIG,
         ),
     ] = None,
+    range_m: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NEAR,FAR",
+            help="How near and how far a tracker sees a target, in m, such as 1.5,20. Default: at any distance.",
+            show_default=False,
+            rich_help_panel=RIG,
+        ),
+    ] = None,
     screen_size_m: Annotated[
         str | None,
         typer.Option(
@@ -208,6 +218,7 @@ def poses(
     positive("--speed", speed)
     until_mm = _length_mm("--until", until)
     _require_sense(n, until_mm, scene if not collisions else None, srdf if not collisions else None, check, criterion)
+    sight = _sight(acceptance_deg, range_m)
     rig_file = with_board(rig_file_of(rig), board)
     arm = load(robot, xacro_arg, package_dir, screen, laser, rig_file, xacro_limit=xacro_limit, quiet=quiet)
     output = named(output, f"{arm.description.stem}_poses.csv")
@@ -249,7 +260,7 @@ def poses(
         "seed": seed,
     }
     with Working("choosing poses", quiet), until_interrupted() as short:
-        plan = _plan(arm, asked, wanted, cells, acceptance_deg)
+        plan = _plan(arm, asked, wanted, cells, sight)
     with Working("looking at the ways between them", quiet), until_interrupted() as cut:
         tour = toured_in(plan, cells)
     say(verbose, about(plan.robot))
@@ -309,6 +320,24 @@ def _seen(arm: Robot, asked: Asked, drives: list[Path]) -> Robot:
     return seen
 
 
+def _sight(acceptance_deg: float | None, range_m: str | None) -> Sight:
+    """What trackers see, as options say it.
+
+    Raises:
+        UsageError: the range is none.
+    """
+    from urdfcal.base.geometry import DEG
+    from urdfcal.sensors.sensor import Sight
+
+    opening = None if acceptance_deg is None else acceptance_deg * DEG
+    if range_m is None:
+        return Sight(opening=opening)
+    nearest, farthest = metres_of("--range-m", range_m, (2,), "the least and the largest distance in m, such as 1.5,20")
+    if not 0 <= nearest < farthest:
+        raise UsageError(f"--range-m {range_m}: expected the least distance, from 0, and behind it the larger one, such as 1.5,20")
+    return Sight(opening=opening, nearest=nearest, farthest=farthest)
+
+
 def _limits(path: Path | None, seen: Robot) -> Matrix | None:
     from urdfcal.planning.limits import read_limits
 
@@ -350,10 +379,8 @@ def _require_sense(
             raise UsageError(f"{option} is for collisions, which --no-collisions leaves out; use one of the two")
 
 
-def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: Cells | None, acceptance_deg: float | None) -> PosePlan:
-    from urdfcal.base.geometry import DEG
+def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: Cells | None, sight: Sight) -> PosePlan:
     from urdfcal.planning.plan import plan_poses
-    from urdfcal.sensors.sensor import Sight
 
     return plan_poses(
         arm,
@@ -363,7 +390,7 @@ def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: Cells | None,
         boards=asked.boards,
         stations=asked.stations,
         screen_size=asked.area.size if asked.area else None,
-        sight=Sight(opening=None if acceptance_deg is None else acceptance_deg * DEG),
+        sight=sight,
         allowed=cells.free if cells is not None else None,
         hidden=cells.hidden if cells is not None else None,
         **wanted,

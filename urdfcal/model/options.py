@@ -14,6 +14,7 @@ from urdfcal.model.slots import MODELS
 
 LENS = "lens"
 ADDITIONS = ("screen", "beams", "beams4", LENS)  # what can be estimated beside the joints
+_UNITS = {"mm": 1e-3, "m": 1.0, "deg": np.pi / 180, "mrad": 1e-3, "rad": 1.0}
 _LEAST, _MOST = 1e-12, 1e6  # [m] and [rad]: priors beyond are no statement about a robot
 
 
@@ -90,19 +91,24 @@ def parse_prior(text: str) -> PriorScale:
     """
     if text.strip() == "flat":
         return PriorScale(FLAT, FLAT)
-    units = {"mm": 1e-3, "m": 1.0, "deg": np.pi / 180, "mrad": 1e-3, "rad": 1.0}
-    try:
-        length, angle = (_number_with_unit(word.strip(), units) for word in text.split(","))
-    except ValueError:
-        raise UsageError(f"'{text}' is not a prior; expected a length and an angle such as 10mm,1deg, or flat") from None
-    if length[1] not in ("mm", "m") or angle[1] not in ("deg", "mrad", "rad"):
+    scales = length_and_angle(text)
+    if scales is None or min(scales) <= _LEAST:
         raise UsageError(f"'{text}' is not a prior; expected a length and an angle such as 10mm,1deg, or flat")
-    return PriorScale(length[0], angle[0])
+    return PriorScale(*scales)
 
 
-def _number_with_unit(word: str, units: Mapping[str, float]) -> tuple[float, str]:
+def length_and_angle(text: str) -> tuple[float, float] | None:
+    """`10mm,1deg` in [m] and [rad], neither below zero; None for anything else."""
+    try:
+        length, angle = (_number_with_unit(word.strip()) for word in text.split(","))
+    except ValueError:
+        return None
+    return (length[0], angle[0]) if length[1] in ("mm", "m") and angle[1] in ("deg", "mrad", "rad") else None
+
+
+def _number_with_unit(word: str) -> tuple[float, str]:
     unit = word.lstrip("0123456789.eE+-")
-    value = float(word[: len(word) - len(unit)]) * units.get(unit, np.nan)
-    if not _LEAST < value < _MOST:
+    value = float(word[: len(word) - len(unit)]) * _UNITS.get(unit, np.nan)
+    if not 0 <= value < _MOST:
         raise ValueError(word)
     return value, unit

@@ -15,7 +15,7 @@ from lxml import etree
 from urdfcal.base.errors import RobotError, no_such
 from urdfcal.base.geometry import SE3, pose
 from urdfcal.robot.description import Description
-from urdfcal.robot.urdf_xml import FARTHEST, finite_number, left_out, number_fault, read_xml
+from urdfcal.robot.urdf_xml import FARTHEST, finite_number, in_few_lines, number_fault, read_xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 _KINEMATIC = {"robot", "link", "joint", "origin", "parent", "child", "axis", "limit", "mimic"}
@@ -151,7 +151,7 @@ def read_tree(description: Description) -> UrdfTree:
     reader.names(root, "joint")
     joints = {joint.name: joint for joint in map(reader.joint, root.findall("joint"))}
     reader.check_tree(links, joints)
-    return UrdfTree(description.label, links, joints, tuple(left_out(root).values()))
+    return UrdfTree(description.label, links, joints, in_few_lines(root))
 
 
 @dataclass(frozen=True)

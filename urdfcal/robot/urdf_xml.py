@@ -15,6 +15,7 @@ from lxml import etree
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 FARTHEST = 1e6  # [m], [rad] and [kg]: a number beyond this belongs to no robot, and overflows further on
+_NAMED = 3  # links in a warning
 _BESIDE = ("inertial", "visual", "collision")  # under <link>
 _MEASURES = ("xyz", "rpy", "value", "size", "radius", "length", "scale", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _LIMITED = ("revolute", "prismatic")
@@ -73,6 +74,22 @@ def left_out(root: etree._Element) -> dict[etree._Element, str]:
         element: f"link '{link.get('name')}': the <{element.tag}> on line {element.sourceline} is left out: {fault}"
         for element, (link, fault) in faults.items()
     }
+
+
+def in_few_lines(root: etree._Element) -> tuple[str, ...]:
+    """What `left_out` says, a line for each fault: of one link as it is, of several how many and the first of them."""
+    found: dict[tuple[str, str], list[tuple[etree._Element, str]]] = {}
+    for element, line in left_out(root).items():
+        found.setdefault((element.tag, line.partition(" is left out: ")[2]), []).append((element, line))
+    return tuple(own[0][1] if len(own) == 1 else _summed(*what, [element for element, _ in own]) for what, own in found.items())
+
+
+def _summed(tag: str, fault: str, elements: list[etree._Element]) -> str:
+    parents = [element.getparent() for element in elements]
+    links = list(dict.fromkeys(f"'{link.get('name')}'" for link in parents if link is not None))
+    more = f" and {len(links) - _NAMED} more" if len(links) > _NAMED else ""
+    whose = f"link{'s' if len(links) > 1 else ''} {', '.join(links[:_NAMED])}{more}"
+    return f"{len(elements)} <{tag}>, the first on line {elements[0].sourceline}, of {whose} are left out: {fault}"
 
 
 def _first_fault(element: etree._Element) -> str | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from urdfcal.sensors.sensor import QUANTITIES, Quantity
 
 _LITTLE = 0.2  # share of its limits below which a joint hardly moved
 _FEW = 20  # poses
+_MANY = 4  # numbered targets on one link, as the corners of a board are
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,18 @@ def _default(quantity: Quantity) -> str:
     return "px" if quantity == "pixel" else next(iter(QUANTITIES[quantity]), "")
 
 
-def told(each: ReadingCount) -> str:
-    """`40 points`, `40 points, 2 in part`."""
-    part = int(each.partly.sum())
-    return f"{each.seen} {noun(each.readings.noise, each.seen)}{f', {part} in part' if part else ''}"
+def by_board(found: Overview) -> list[list[ReadingCount]]:
+    """What is told in one line: all that one instrument reads of a board, or of a link with many numbered targets; else one by one."""
+    groups: dict[tuple[str, ...], list[ReadingCount]] = {}
+    for each in found.readings:
+        own = each.readings
+        numbered = own.target.partition(":")[2].isdigit()
+        key = (own.sensor, own.link, own.instrument) if numbered else (own.sensor, own.target, own.instrument, "alone")
+        groups.setdefault(key, []).append(each)
+    return [part for group in groups.values() for part in ([group] if len(group) >= _MANY else [[each] for each in group])]
+
+
+def told(group: Sequence[ReadingCount]) -> str:
+    """`40 points`, `40 points, 2 in part`, of all of a group."""
+    part, seen = sum(int(each.partly.sum()) for each in group), sum(each.seen for each in group)
+    return f"{seen} {noun(group[0].readings.noise, seen)}{f', {part} in part' if part else ''}"

@@ -167,6 +167,7 @@ class Sight:
         least_square: Least side of such a square in a picture, [px].
         flattest: Angle between a board's normal and the line of sight beyond which its corners are not found, [rad].
         opening: Angle about the target's +z within which it can be seen, as a reflector's, [rad]; None where nothing is said of it.
+        nearest, farthest: Between which distances from its instrument a target is seen by a tracker or a mocap system, [m].
         apart: How far readings that could be taken for each other stay apart, [m].
     """
 
@@ -176,6 +177,8 @@ class Sight:
     least_square: float = 8.0
     flattest: float = 60 * DEG
     opening: float | None = None
+    nearest: float = 0.0
+    farthest: float = np.inf
     apart: float = 20 * MM
 
 

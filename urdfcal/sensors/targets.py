@@ -81,12 +81,17 @@ class PointSensor(Sensor):
         return np.zeros_like(view.p)
 
     def unseen(self, view: View, sight: Sight) -> Mapping[str, Mask]:
-        """See the base class: a reflector opens along its own z, as far as that is said."""
-        if sight.opening is None:
-            return {}
-        with np.errstate(invalid="ignore"):
-            away = ~(leaning(-view.p, view.R[:, :, 2]) <= sight.opening)
-        return {f"turn the target's z over {np.degrees(sight.opening):.0f} deg away from the instrument": away}
+        """See the base class: within the instrument's range, and a reflector opens along its own z, as far as these are said."""
+        far, found = np.linalg.norm(view.p, axis=1), {}
+        if sight.nearest > 0:
+            found[f"are nearer to the instrument than {sight.nearest:g} m"] = far < sight.nearest
+        if sight.farthest < np.inf:
+            found[f"are farther from the instrument than {sight.farthest:g} m"] = far > sight.farthest
+        if sight.opening is not None:
+            with np.errstate(invalid="ignore"):
+                away = ~(leaning(-view.p, view.R[:, :, 2]) <= sight.opening)
+            found[f"turn the target's z over {np.degrees(sight.opening):.0f} deg away from the instrument"] = away
+        return found
 
     def measured(self, values: Matrix, labels: Labels) -> Mask:
         """Any of the three may be missing."""

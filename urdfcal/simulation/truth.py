@@ -20,7 +20,7 @@ from urdfcal.base.geometry import Vector
 from urdfcal.model.error_model import ErrorModel, with_softness
 from urdfcal.model.gauge import build_error_model
 from urdfcal.model.gravity import Gravity, WeighedRobot, parse_gravity, parse_payload
-from urdfcal.model.options import ModelOptions, parse_prior
+from urdfcal.model.options import ModelOptions, length_and_angle
 from urdfcal.model.slots import MODELS
 from urdfcal.model.softness import Term, extra_terms, gravity_terms
 from urdfcal.robot.configurations import random_positions
@@ -75,10 +75,10 @@ def truth_of(robot: Robot, errors: str, rng: np.random.Generator) -> tuple[Error
         return _from_file(robot, Path(errors))
     if errors.strip() == "none":
         return random_truth(robot, rng, 0.0, 0.0)
-    if errors.strip() == "flat":
-        raise UsageError("--errors flat: expected a length and an angle such as 2mm,0.2deg, none, or a YAML file")
-    scale = parse_prior(errors)
-    return random_truth(robot, rng, scale.translation, scale.rotation)
+    scales = length_and_angle(errors)
+    if scales is None:
+        raise UsageError(f"--errors {errors}: expected a length and an angle such as 2mm,0.2deg, none, or a YAML file")
+    return random_truth(robot, rng, *scales)
 
 
 def _from_file(robot: Robot, path: Path) -> tuple[ErrorModel, Vector]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from urdfcal.base.geometry import DEG, MM
 from urdfcal.base.terminal import decimals, figures_table, many, titled
-from urdfcal.sensors.overview import JointRange, Overview, ReadingCount, told
+from urdfcal.sensors.overview import JointRange, Overview, ReadingCount, by_board, told
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -93,9 +94,20 @@ def _readings_title(found: Overview) -> str:
 
 def _reading_table(found: Overview) -> Any:
     table = figures_table("target", "read", "columns", "in")
-    for each in found.readings:
-        table.add_row(each.readings.label, told(each), _columns(each), _unit(", ".join(each.units), each.stated))
+    for group in by_board(found):
+        first, units = group[0], dict.fromkeys(unit for each in group for unit in each.units)
+        stated = all(each.stated for each in group)
+        table.add_row(_called(group, found), told(group), _columns(first), _unit(", ".join(units), stated))
     return table
+
+
+def _called(group: Sequence[ReadingCount], found: Overview) -> str:
+    """`tool0`, `board, 54 corners`."""
+    own = group[0].readings
+    if len(group) == 1:
+        return own.label
+    at = f"@{own.instrument}" if own.instrument else ""
+    return f"{own.link}{at}, {len(group)} {'corners' if own.link in found.data.boards else 'targets'}"
 
 
 def _columns(each: ReadingCount) -> str:

@@ -11,6 +11,8 @@ screen:
   rpy: [1.5, 0.1, -1.6]                              # and its roll, pitch, yaw as in a URDF, rad
   rms_px: 0.2
   covariance: [...]                                  # 6 x 6 of xi in T_camera_screen exp(xi), [v, w] in screen axes, m and rad
+
+Numbers of the distortion that are not there are zero. ROS's camera_info and OpenCV's FileStorage are read, too (`camera_info`).
 """
 
 from __future__ import annotations
@@ -29,8 +31,8 @@ from urdfcal.base.geometry import Matrix, pose, xyz_rpy
 from urdfcal.base.yaml_kinds import is_not
 from urdfcal.sensors.camera import Camera, Side
 from urdfcal.sensors.lenses import Lens, intrinsic_names
+from urdfcal.vision.camera.camera_info import LARGEST_PX, as_ours
 
-LARGEST_PX = 100_000
 _SHORTEST_PX = 1.0  # a focal length under which no picture tells directions apart, and numbers overflow
 Finite = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
@@ -56,7 +58,7 @@ class CameraEntries(_Loose):
     """The part of the file that is read back."""
 
     size_px: tuple[Pixels, Pixels]
-    lens: Lens
+    lens: Lens = "plain"
     intrinsics: dict[str, Finite]
     rms_px: NotNegative | None = None
     lens_covariance: list[list[Finite]] | None = None
@@ -87,29 +89,34 @@ def camera_yaml(camera: Camera, provenance: Mapping[str, Any] | None = None) -> 
 
 
 def read_camera(path: str | Path) -> Camera:
-    """Read a camera.yaml.
+    """Read a camera.yaml, or what ROS (camera_info) or OpenCV (FileStorage) say of a camera.
 
     Raises:
         InputError: naming the file, the line and what was expected.
     """
     file = read_yaml(path, InputError)
-    if not isinstance(file.content, dict) or "intrinsics" not in file.content:
-        raise InputError(is_not("camera", file.content, "intrinsics", "camera"), path)
     try:
-        entries = CameraEntries.model_validate(file.content)
-        return _camera(entries)
+        ours = as_ours(file.content)
+        if not isinstance(ours, dict) or "intrinsics" not in ours:
+            raise InputError(is_not("camera", file.content, "intrinsics", "camera"), path)
+        return _camera(CameraEntries.model_validate(ours))
     except ValidationError as error:
         found = error.errors()[0]
-        raise InputError(f"entry '{'.'.join(map(str, found['loc']))}': {found['msg']}", path, file.line(found["loc"])) from None
+        raise InputError(f"entry '{'.'.join(map(str, found['loc']))}': {_trouble(found)}", path, file.line(found["loc"])) from None
     except ValueError as error:
         raise InputError(str(error), path, file.line()) from None
 
 
+def _trouble(found: Any) -> str:
+    """What is wrong with an entry: a word that is none of those that it may be is told."""
+    return f"found '{found['input']}', expected {found['ctx']['expected']}" if found["type"] == "literal_error" else str(found["msg"])
+
+
 def _camera(entries: CameraEntries) -> Camera:
     names, found = intrinsic_names(entries.lens), entries.intrinsics
-    if set(found) != set(names):
+    if not set(names[:4]) <= set(found) <= set(names):
         raise ValueError(f"entry 'intrinsics': a {entries.lens} lens has {', '.join(names)}, found {', '.join(found) or 'nothing'}")
-    fx, fy, cx, cy, *distortion = (found[name] for name in names)
+    fx, fy, cx, cy, *distortion = (found.get(name, 0.0) for name in names)
     if not min(fx, fy) >= _SHORTEST_PX:
         raise ValueError(f"entry 'intrinsics': fx = {fx:g} and fy = {fy:g}, expected positive numbers of at least {_SHORTEST_PX:g} px")
     screen = entries.screen
