@@ -162,6 +162,27 @@ def test_what_a_killed_writer_left_is_swept(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"a", busy.name, other.name}
 
 
+@pytest.mark.usefixtures("system")
+def test_what_another_begins_is_not_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another writer that comes between the making of a part and its lock takes it away, or is about to: a new one is made."""
+    lock, came = whole_files._lock, list[str]()
+
+    def met(descriptor: int) -> bool:
+        if len(came) % 3 == 0:
+            whole_files.sweep(tmp_path)
+        came.append("")
+        return len(came) % 3 != 2 and lock(descriptor)
+
+    monkeypatch.setattr(whole_files, "_lock", met)
+    write_whole(tmp_path / "a", b"new")
+    with folder_whole(tmp_path / "b") as folder:
+        write_whole(folder / "x", b"x")
+    whole_files.sweep(tmp_path)
+    assert (tmp_path / "a").read_bytes() == b"new"
+    assert sorted(os.listdir(tmp_path)) == ["a", "b"]
+    assert os.listdir(tmp_path / "b") == ["x"]
+
+
 def test_a_folder_appears_whole(tmp_path: Path) -> None:
     """Nothing stands at its place before all of it does; an empty folder there gives way and keeps its mode."""
     (tmp_path / "b").mkdir(0o700)

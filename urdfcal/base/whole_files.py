@@ -61,15 +61,12 @@ def folder_whole(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     require_new_folder(path)
     target = Path(os.path.realpath(path))
-    beside = target.parent / _part_name()
     try:
         sweep(target.parent)
-        beside.mkdir()
-        descriptor = os.open(beside, os.O_RDONLY)
+        beside, descriptor = _part_folder(target.parent)
     except OSError as error:
         raise _unwritable(path, error) from None
     try:
-        _lock(descriptor)
         yield beside
         if target.is_dir():
             beside.chmod(stat.S_IMODE(target.stat().st_mode))
@@ -79,6 +76,18 @@ def folder_whole(path: str | Path) -> Iterator[Path]:
     finally:
         os.close(descriptor)
         shutil.rmtree(beside, ignore_errors=True)
+
+
+def _part_folder(above: Path) -> tuple[Path, int]:
+    """A new folder that nobody sweeps away, and what holds it so: one that is swept before it is locked gives way to another."""
+    while True:
+        beside = above / _part_name()
+        beside.mkdir()
+        with contextlib.suppress(FileNotFoundError):
+            descriptor = os.open(beside, os.O_RDONLY)
+            if _lock(descriptor) and beside.is_dir():
+                return beside, descriptor
+            os.close(descriptor)
 
 
 def make_folders(folders: Iterable[Path]) -> None:
@@ -155,7 +164,10 @@ class _Part:
     def __init__(self, target: Path) -> None:
         self.target, self.name = target, None if _unnamed_files() else target.parent / _part_name()
         self.descriptor = self._opened()
-        _lock(self.descriptor)
+        while not _lock(self.descriptor) or not (self.name is None or self.name.exists()):  # swept by another before it was locked
+            os.close(self.descriptor)
+            self.name = target.parent / _part_name()
+            self.descriptor = self._opened()
 
     def _opened(self) -> int:
         if self.name is None:
@@ -250,9 +262,14 @@ def _part_name() -> str:
     return f".urdfcal-{secrets.token_hex(8)}.part"
 
 
-def _lock(descriptor: int) -> None:
+def _lock(descriptor: int) -> bool:
+    """Lock what is begun; False where another has, who sweeps it away."""
     with contextlib.suppress(OSError):  # a file system without locks: nobody else can lock, and sweep, it either
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+    return True
 
 
 def _unwritable(path: Path, error: OSError) -> UsageError:
