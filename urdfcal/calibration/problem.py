@@ -23,7 +23,7 @@ from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.normal import Numbers, Summing
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel
-from urdfcal.model.jacobian import ArmMotion, Shares
+from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
 from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture
 from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
@@ -32,7 +32,6 @@ from urdfcal.sensors.sensor import Look, Sensor, View
 
 Rows = slice | npt.NDArray[np.intp]
 Known = tuple[float, Vector, float]
-CHUNK = 6144  # poses worked on at once, so that the temporaries, some 2 kB a pose, stay in the processor's last cache
 _FEW = 256  # poses, of which calls cost more than their numbers
 _SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
 _UNIT = np.eye(3)
