@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from urdfcal.estimation.ekf import Belief, compressed, iterated_schedule, paper_schedule, taken_in, update
+from urdfcal.estimation.ekf import Belief, compress, iterated_schedule, paper_schedule, taken_in, update
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.normal import Normal
 from urdfcal.estimation.residual import Linearisation
@@ -63,11 +63,25 @@ def test_compressed_measurements_say_the_same(rng: np.random.Generator, seen: in
     prior, H, y, _ = linear_problem(rng)
     H = H[:, :seen] @ rng.normal(size=(seen, 6))
     normal = Normal.of_rows(H, y - H @ prior.x)
-    assert len(compressed(normal.A, np.sqrt(np.diag(prior.P)))) == seen
+    rows, short = compress(normal, np.ones(6))
+    assert len(short) == len(rows) == seen
     found = taken_in(prior, normal)
     expected = batch(prior, H, y, np.eye(len(y)))
     np.testing.assert_allclose(found.x, expected.x, atol=1e-9)
     np.testing.assert_allclose(found.P, expected.P, atol=1e-9)
+
+
+@pytest.mark.parametrize("sigma", [0.1, 1.0, 1e3])
+def test_independent_parameters_take_in_at_once_what_updates_would_one_by_one(rng: np.random.Generator, sigma: float) -> None:
+    """Mean and covariance are those of an update a row, also where a direction is not seen, and where nearly nothing is known before."""
+    _, H, y, _ = linear_problem(rng)
+    H = H[:, :5] @ rng.normal(size=(5, 6))
+    prior = one_by_one = Belief.independent(rng.normal(size=6), sigma * rng.uniform(0.5, 2, 6))
+    for row, value in zip(H, y, strict=True):
+        one_by_one, _ = update(one_by_one, np.atleast_1d(value - row @ one_by_one.x), row[None], np.eye(1))
+    found = taken_in(prior, Normal.of_rows(H, y - H @ prior.x))
+    np.testing.assert_allclose(H @ found.x, H @ one_by_one.x, atol=1e-12 * max(1.0, sigma) ** 2)
+    np.testing.assert_allclose(found.P, one_by_one.P, atol=1e-12 * max(1.0, sigma) ** 2)
 
 
 class Curve:

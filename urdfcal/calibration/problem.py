@@ -122,7 +122,7 @@ class Channel:
         swept.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
         g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
         if look.lost is not None:
-            swept.lost[rows, swept.blocks.index(self.block)] = look.lost & measured.any(axis=1)
+            swept.lost[rows, swept.blocks.index(self.block)] = look.lost if whole else look.lost & measured.any(axis=1)
         if look.by_place is None and not of_rig.shape[2]:
             return None
         return lambda columns: self._put_beside(columns[:, own], look, of_rig, rows)
@@ -187,11 +187,13 @@ class Part:
         session: Which.
         rows: Which poses.
         posture: The joints, where none gives way.
+        looks: Channels that read something there; where poses are few, those that one look does for together.
     """
 
     session: str
     rows: Rows
     posture: Posture
+    looks: tuple[tuple[Channel, ...], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +264,14 @@ class Problem:
     def parts(self) -> tuple[Part, ...]:
         """Poses of one session that are worked on at once."""
         chunks = [(session, rows) for session in self.errors.sessions for rows in self._chunks(session)]
-        return tuple(Part(session, rows, self.arm.posture(self.positions[rows])) for session, rows in chunks)
+        return tuple(Part(session, rows, self.arm.posture(self.positions[rows]), self._looks_at(rows)) for session, rows in chunks)
+
+    def _looks_at(self, rows: Rows) -> tuple[tuple[Channel, ...], ...]:
+        """Channels of which something was read at some poses; where these are few, those together that one look does for."""
+        read = [channel for channel in self.channels if channel.readings.measured[rows].any()]
+        if len(self.data.q[rows]) > _FEW:
+            return tuple((channel,) for channel in read)
+        return tuple(tuple(group) for _, group in groupby(read, key=lambda channel: channel.alike))
 
     def _chunks(self, session: str) -> list[Rows]:
         if len(self.errors.sessions) == 1:
@@ -286,20 +295,21 @@ class Problem:
     def _put_together(self, swept: _Swept, x: Vector) -> Linearisation:
         """What was swept, with what is known beforehand."""
         known = _known_rows(self.errors, self.data.lengths, x)
-        linearised = _with_known(
-            Linearisation(
-                swept.residual,
-                np.empty((0, *swept.residual.shape[1:], len(x))),
-                swept.joint_jacobian,
-                self.measured,
-                self.stated_sigma,
-                self.blocks,
-                swept.lost,
-                poses=self.data.pose_of if self.data.again else None,
-            ),
-            known,
+
+        def jacobian() -> Array3:
+            return self._jacobian(swept, known, x)
+
+        linearised = Linearisation(
+            swept.residual,
+            jacobian,
+            swept.joint_jacobian,
+            self.measured,
+            self.stated_sigma,
+            self.blocks,
+            swept.lost,
+            poses=self.data.pose_of if self.data.again else None,
         )
-        linearised = replace(linearised, jacobian=lambda: self._jacobian(swept, known, x))
+        linearised = _with_known(linearised, known, jacobian) if known else linearised
         if swept.summing is None:
             return linearised
         return linearised.with_sums(swept.summing.sums.plus(_products(known)) if known else swept.summing.sums)
@@ -347,7 +357,7 @@ class Problem:
         """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
         rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
         g = np.zeros((n, m, 6))
-        beside = [channel.take(swept, g, look, of_rig, motion, rows) for channel, look, of_rig in self._looks(motion, rows, x)]
+        beside = [channel.take(swept, g, look, of_rig, motion, rows) for channel, look, of_rig in self._looks(motion, part, x)]
         if swept.jacobian is None and swept.summing is None and not self.joints:
             return
         columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
@@ -364,12 +374,10 @@ class Problem:
             self._axis_shares.apply(by_axis)
             swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
 
-    def _looks(self, motion: ArmMotion, rows: Rows, x: Vector) -> Iterator[tuple[Channel, Look, Array3]]:
-        """What each sensor makes of its target at some poses; where these are few, of all its targets at once."""
-        read = [channel for channel in self.channels if channel.readings.measured[rows].any()]
-        together = len(motion.posture) <= _FEW
-        for _, group in groupby(enumerate(read), lambda own: own[1].alike if together else own[0]):
-            channels = [channel for _, channel in group]
+    def _looks(self, motion: ArmMotion, part: Part, x: Vector) -> Iterator[tuple[Channel, Look, Array3]]:
+        """What each sensor makes of its target at some poses."""
+        rows = part.rows
+        for channels in part.looks:
             views = [channel.view(motion, rows, x) for channel in channels]
             for channel, view, look in zip(channels, views, _looked(channels, views, rows), strict=True):
                 yield channel, *channel.with_rig(view, look, rows, x)
@@ -495,16 +503,15 @@ def _stacked(known: Sequence[Known], m: int, p: int) -> Array3:
     return rows
 
 
-def _with_known(linearisation: Linearisation, known: Sequence[Known]) -> Linearisation:
-    """The same with what is known beforehand as further rows, but for the Jacobian where that is not worked out yet."""
-    if not known:
-        return linearisation
+def _with_known(linearisation: Linearisation, known: Sequence[Known], jacobian: Callable[[], Array3]) -> Linearisation:
+    """The same with what is known beforehand as further rows; they are in the Jacobian, which is worked out when it is asked for."""
     rows, m = len(known), linearisation.residual.shape[1]
     residual, sigma = np.zeros((rows, m)), np.full((rows, m), np.nan)
     for row, (left, _, deviation) in enumerate(known):
         residual[row, 0], sigma[row, 0] = left, deviation
     return replace(
         linearisation,
+        jacobian=jacobian,
         known=rows,
         residual=np.vstack([linearisation.residual, residual]),
         joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),

@@ -39,6 +39,7 @@ _SHRINKS = 0.1  # steps that shrink faster than this are Newton's last ones
 _PATIENCE, _MORE = 8, 12  # sweeps before a fit may be said to creep, and that are still to come at its pace where it does
 _BELIEVED, _AS_MODELLED = 0.25, 0.75  # shares of the promised gain under which a radius shrinks, and over which it grows
 _STANDSTILL = 1e-12  # [m] and [rad]: steps below it are rounding
+_INFLATED = 1e6  # times the others may make a variance larger before the inverse of an information is not trusted
 _ROUNDING = 1e-13  # share of the largest eigenvalue under which an information eigenvalue is rounding
 
 
@@ -117,36 +118,54 @@ def _joseph(P: Matrix, HP: Matrix, H: Matrix, K: Any, KR: Any) -> Matrix:
 
 
 def taken_in(prior: Belief, normal: Normal) -> Belief:
-    """The belief after many measurements of unit covariance, of which the normal equations are known, the innovation at the prior's mean.
-
-    The mean needs no gain: K (m - h) is P+ H'(m - h).
-    """
-    H = compressed(normal.A, np.sqrt(prior.P.diagonal()))
+    """The belief after many measurements of unit covariance of which the normal equations are known, the innovation at the prior's mean."""
+    P = _of_independent(prior.P, normal.A) if np.count_nonzero(prior.P) == len(prior.x) else None
+    if P is not None:
+        return Belief(prior.x + P @ normal.b, P)
+    H, innovation = compress(normal, np.sqrt(prior.P.diagonal()))
     HP = H @ prior.P
     K = np.linalg.solve(HP @ H.T + np.eye(len(H)), HP).T
-    P = _joseph(prior.P, HP, H, K, K)
-    return Belief(prior.x + P @ normal.b, P)
+    return Belief(prior.x + K @ innovation, _joseph(prior.P, HP, H, K, K))
 
 
-def compressed(information: Matrix, sigma: Vector) -> Matrix:
-    """At most p rows, each measured with unit covariance, that say the same of the state as many whose information H'H, (p, p), is known.
+def _of_independent(P: Matrix, information: Matrix) -> Matrix | None:
+    """The covariance after that of parameters of which none tells anything of another, (P^-1 + H'H)^-1; None where rounding spoils it.
 
-    Any root B of it, B'B = H'H, will do. Where the information is well conditioned that is its Cholesky factor; else the rows
-    sqrt(L) V' of its eigenvectors, without those that rounding alone would claim to know. Both are taken in units of what each
-    parameter would be known to by itself, given the standard deviations `sigma` before the measurement.
+    Taken in units of what each parameter would be known to by itself, its diagonal says by how much the others make that worse.
     """
-    scale = 1 / np.sqrt(information.diagonal() + 1 / sigma**2)
-    scaled = information * scale * scale[:, None]
+    whole = information.copy()
+    whole.flat[:: len(P) + 1] += 1 / P.diagonal()
+    scale = 1 / np.sqrt(whole.diagonal())
     try:
-        root = np.linalg.cholesky(scaled)
+        inverse = np.linalg.inv(whole * scale * scale[:, None])
+    except np.linalg.LinAlgError:
+        return None
+    if not 0 < inverse.diagonal().min() <= inverse.diagonal().max() < _INFLATED:
+        return None
+    return np.asarray((inverse + inverse.T) * (scale / 2) * scale[:, None])
+
+
+def compress(normal: Normal, sigma: Vector) -> tuple[Matrix, Vector]:
+    """Replace many measurements of unit covariance, with their innovations, by at most p that say the same of the state.
+
+    Any root B of the information, B'B = H'H, will do, with the innovation B^-T H' innovation. Where the information is well
+    conditioned that is its Cholesky factor; else the rows sqrt(L) V' of its eigenvectors, without those that rounding alone would
+    claim to know. Both are taken in units of what each parameter would be known to by itself, given the standard deviations `sigma`
+    before the measurement.
+    """
+    scale = 1 / np.sqrt(normal.A.diagonal() + 1 / sigma**2)
+    information, gradient = normal.A * scale * scale[:, None], scale * normal.b
+    try:
+        root = np.linalg.cholesky(information)
         pivots = root.diagonal()
         if pivots.min() > 1e-5 * pivots.max():
-            return np.asarray(root.T / scale)
+            return root.T / scale, np.linalg.solve(root, gradient)
     except np.linalg.LinAlgError:
         pass  # not positive definite: some direction is not seen at all
-    values, vectors = np.linalg.eigh(scaled)
+    values, vectors = np.linalg.eigh(information)
     kept = values > _ROUNDING * values[-1]
-    return np.asarray((np.sqrt(values[kept])[:, None] * vectors[:, kept].T) / scale)
+    lengths, rows = np.sqrt(values[kept]), vectors[:, kept].T
+    return (lengths[:, None] * rows) / scale, (rows @ gradient) / lengths
 
 
 def iterated_schedule(

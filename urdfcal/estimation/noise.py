@@ -203,8 +203,12 @@ class Noise:
         reach = linearisation.joint_jacobian * self.joint_sigma if self.of_joints else np.zeros((*linearisation.residual.shape, 1))
         R = reach @ reach.transpose(0, 2, 1)
         numbers = np.arange(linearisation.residual.shape[1])
-        R[:, numbers, numbers] += np.where(linearisation.measured, self.of_numbers(linearisation) ** 2, 1.0)
+        R[:, numbers, numbers] += self.variances(linearisation)
         return np.asarray(R)
+
+    def variances(self, linearisation: Linearisation) -> Matrix:
+        """Variance of each number, the readings of joints left out, (n, m); 1 of what was not measured."""
+        return np.where(linearisation.measured, self.of_numbers(linearisation) ** 2, 1.0)
 
     def times(self, factor: Any) -> Noise:
         """The same with every sigma, or each by its own factor (kinds,), that many times as large."""

@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from urdfcal.base.geometry import Mask, Matrix, Vector
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.estimation.chi_squared import MEDIANS, medians
 from urdfcal.estimation.ekf import Belief, Estimate, Sweep, iterated_schedule, taken_in
 from urdfcal.estimation.noise import LEAST_FREEDOM, Noise
@@ -46,14 +46,21 @@ def mahalanobis_squared(linearisation: Linearisation, noise: Noise, uncertainty:
         noise: Of the measurements.
         uncertainty: Covariance of the parameters, (p, p), for what was not fitted: S = R + J P J' in place of R.
     """
-    covariance = noise.pose_covariance(linearisation)
-    if uncertainty is not None:
-        covariance = covariance + linearisation.jacobian @ uncertainty @ linearisation.jacobian.transpose(0, 2, 1)
-    columns = []
-    for block in linearisation.blocks:
-        own, S = linearisation.residual[:, block.columns], covariance[:, block.columns, block.columns]
-        columns.append(np.einsum("ni,ni->n", own, np.linalg.solve(S, own[..., None])[..., 0]))
+    if uncertainty is None and not noise.of_joints:  # numbers of a pose are independent
+        squared = linearisation.residual**2 / noise.variances(linearisation)
+        columns = [squared[:, block.columns].sum(axis=1) for block in linearisation.blocks]
+    else:
+        covariance = noise.pose_covariance(linearisation)
+        if uncertainty is not None:
+            covariance = covariance + linearisation.jacobian @ uncertainty @ linearisation.jacobian.transpose(0, 2, 1)
+        columns = [_squared(linearisation.residual, covariance, block.columns) for block in linearisation.blocks]
     return np.where(degrees(linearisation) > 0, np.column_stack(columns), np.nan)
+
+
+def _squared(residual: Matrix, covariance: Array3, columns: slice) -> Vector:
+    """Of the residual of some numbers of every pose r' S^-1 r, (n,)."""
+    own = residual[:, columns]
+    return np.asarray(np.einsum("ni,ni->n", own, np.linalg.solve(covariance[:, columns, columns], own[..., None])[..., 0]))
 
 
 def degrees(linearisation: Linearisation) -> Matrix:

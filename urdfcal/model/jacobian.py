@@ -9,6 +9,8 @@ Few numbers are read of many columns. So it is not the columns that are brought 
 a twist is brought from joint to joint on its way out, as a wrench would be, and meets each screw in the frame where that is constant:
 
     g_0 = g,    g_j = Ad(T_j-1,j)' g_j-1,    dh / dx_k = g_j . (v_k, w_k)
+
+On the way it goes in pairs, by v_x and w_x, v_y and w_y, v_z and w_z, so that a turn about z is one of the first two pairs.
 """
 
 from __future__ import annotations
@@ -93,20 +95,20 @@ class ArmMotion:
         arm, posture, walk = self.placed.arm, self.posture, self.placed.placed.walk
         n, m, _ = g.shape
         by_parameter, by_element = np.zeros((len(walk.anchors) + more, m, n)), np.empty((len(arm.elements), m, n))
-        here = np.ascontiguousarray(g.transpose(2, 1, 0)).reshape(6, m * n)
+        here = np.ascontiguousarray(g.reshape(n, m, 2, 3).transpose(3, 2, 1, 0)).reshape(6, m * n)
         self._meet(by_parameter, here, 0)
         kept = {-1: here} if arm.forks else {}
         for number, (element, action) in enumerate(zip(arm.elements, self.placed.actions, strict=True)):
             here = action @ (here if arm.before[number] == number - 1 else kept[arm.before[number]])
-            halves = here.reshape(2, 3, m, n)
+            pairs = here.reshape(3, 2, m, n)
             if element.slides:
                 slide = posture.q[number]
-                halves[1, 0] += slide * halves[0, 1]
-                halves[1, 1] -= slide * halves[0, 0]
+                pairs[0, 1] += slide * pairs[1, 0]
+                pairs[1, 1] -= slide * pairs[0, 0]
             else:
-                turn(halves.transpose(1, 0, 2, 3)[:2], posture.c[number], posture.s[number, :, :, None])
+                turn(here[:4].reshape(2, 2 * m, n), posture.c[number], posture.s[number])
             if axes or self.yielding is not None:
-                by_element[number] = halves[0 if element.slides else 1, 2]
+                by_element[number] = pairs[2, 0 if element.slides else 1]
             if arm.last[element.joint + 1] == number:
                 self._meet(by_parameter, here, element.joint + 1)
             if number in arm.forks:
@@ -120,9 +122,9 @@ class ArmMotion:
         columns = self.placed.placed.walk.anchored[anchor]
         if isinstance(columns, slice):
             own = by_parameter[columns]
-            np.matmul(self.placed.screws[:, columns].T, here, out=own.reshape(len(own), here.shape[1]))
+            np.matmul(self.placed.screws_in_pairs[:, columns].T, here, out=own.reshape(len(own), here.shape[1]))
         elif len(columns):
-            by_parameter[columns] = (self.placed.screws[:, columns].T @ here).reshape(len(columns), *by_parameter.shape[1:])
+            by_parameter[columns] = (self.placed.screws_in_pairs[:, columns].T @ here).reshape(len(columns), *by_parameter.shape[1:])
 
     def _yield(self, by_parameter: Array3, by_element: Array3, yielding: Yielding) -> None:
         """What joints yield by, per unit of its parameters; terms that are held come behind those that are estimated."""

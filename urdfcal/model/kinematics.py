@@ -215,15 +215,24 @@ class PlacedArm:
 
     @cached_property
     def actions(self) -> Array3:
-        """Ad(T)' of every step: what brings derivatives by twists [v, w] from one element to the next, (elements, 6, 6)."""
+        """Ad(T)' of every step: what brings derivatives by twists in pairs from one element to the next, (elements, 6, 6)."""
         halves = inverse_actions(self.steps[:, :3]).reshape(-1, 2, 3, 2, 3)  # Ad(T)' is Ad(T^-1) with v and w in each other's place
-        return np.ascontiguousarray(halves[:, ::-1, :, ::-1]).reshape(-1, 6, 6)
+        return np.ascontiguousarray(halves[:, ::-1, :, ::-1].transpose(0, 2, 1, 4, 3)).reshape(-1, 6, 6)
 
     @cached_property
     def screws(self) -> Matrix:
         """Screws of the parameters in the axes of the element that their body follows, (6, p)."""
-        turned = self.arm.turned[self.placed.anchors] @ self.placed.screws.reshape(2, 3, -1).transpose(2, 1, 0)
-        return np.asarray(turned.transpose(2, 1, 0).reshape(6, -1))
+        return np.asarray(self._screws.transpose(2, 1, 0).reshape(6, -1))
+
+    @cached_property
+    def screws_in_pairs(self) -> Matrix:
+        """The same with rows v_x, w_x, v_y, w_y, v_z, w_z, (6, p)."""
+        return np.asarray(self._screws.transpose(1, 2, 0).reshape(6, -1))
+
+    @cached_property
+    def _screws(self) -> Array3:
+        """The same, (p, 3, 2)."""
+        return np.asarray(self.arm.turned[self.placed.anchors] @ self.placed.screws.reshape(2, 3, -1).transpose(2, 1, 0))
 
     def frames(self, posture: Posture) -> Array4:
         """Columns x, y, z, p of the base, then behind each element, in the base, (elements + 1, 4, 3, n)."""
