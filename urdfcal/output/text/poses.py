@@ -11,6 +11,7 @@ import numpy as np
 
 from urdfcal.base.terminal import many, rounded
 from urdfcal.output.drives import pose_names
+from urdfcal.output.ways_around import ways_lines
 from urdfcal.planning.plan import PosePlan
 from urdfcal.planning.tour import Tour
 
@@ -20,7 +21,8 @@ _DECIMALS = 6
 def plan_csv(plan: PosePlan, tour: Tour, test: int, made_of: str, both_sides: bool = False) -> bytes:
     """A row a reading in the tour's order, to which what is read there is to be added.
 
-    Every so many-th pose is to test on, and all of a check. From both sides each is two rows, with the way that its joints came.
+    Every so many-th pose is to test on, and all of a check. From both sides each is two rows, with the way that its joints came. Comments
+    behind the rows have the ways around.
     """
     text = io.StringIO()
     text.write(f"# poses for {plan.robot.name}, chosen by urdfcal poses; joints in rad (m where they slide); add what is read in each\n")
@@ -32,6 +34,7 @@ def plan_csv(plan: PosePlan, tour: Tour, test: int, made_of: str, both_sides: bo
         kind = set_of(plan, number, test)
         for name, side in zip(names, (1, -1), strict=False):
             writer.writerow([name, kind, *(f"{position + 0.0:.{_DECIMALS}f}" for position in q), *[side] * len(approaches)])
+    text.writelines(f"# {line}\n" for line in ways_lines(plan, tour, both_sides))
     return text.getvalue().encode()
 
 
