@@ -119,6 +119,51 @@ def test_as_few_as_suffice(run_cli: Run) -> None:
     assert len(further["poses"]) < len(done["poses"])
 
 
+@pytest.mark.parametrize(
+    ("words", "said", "not_said"),
+    [
+        (("--until", "9000mm"), "1 pose for small: 'tool' predicted", "at full speed"),
+        (("-n", "4", "--criterion", "O1"), "as many random ones; larger is better", ""),
+        (("-n", "4", "--criterion", "A"), "as many random ones; smaller is better", ""),
+        (("-n", "4", "--have", "m.csv"), "mm with those alone that were measured already", "before any"),
+        (("--until", "0.0001mm"), "--until is not reached: after 25 poses the tool is predicted to be", ""),
+    ],
+)
+def test_what_is_said_of_a_plan(run_cli: Run, tmp_path: Path, words: tuple[str, ...], said: str, not_said: str) -> None:
+    """Sentences fit one pose as well as many, those that complete others, and a criterion that nobody knows by heart."""
+    (tmp_path / "small.urdf").write_text(URDF)
+    if "--have" in words:
+        assert run_cli("simulate", "small.urdf", "-o", "m.csv", "--sensor", "point:tool", "--poses", "4").code == 0
+    done = run_cli(
+        "poses",
+        "small.urdf",
+        "-o",
+        "p.csv",
+        "--sensor",
+        "point:tool",
+        "--candidates",
+        "25",
+        "--no-collisions",
+        "--report",
+        "r.html",
+        *words,
+    )
+    assert done.code == 0, done.err
+    assert said in done.out + done.err
+    assert not not_said or not_said not in done.out
+    assert ", 0 s at full speed" not in (tmp_path / "r.html").read_text()
+
+
+def test_the_page_of_a_check_marks_all_of_its_poses(run_cli: Run, tmp_path: Path) -> None:
+    """All are to test on, in the file and on the page alike."""
+    (tmp_path / "small.urdf").write_text(URDF)
+    words = ("poses", "small.urdf", "--check", "--sensor", "point:tool", "--candidates", "25", "--no-collisions", "--report", "r.html")
+    assert run_cli(*words, "-o", "p.csv").code == 0
+    page = (tmp_path / "r.html").read_text()
+    assert len(re.findall(r"<td[^>]*>test</td>", page)) == 8
+    assert not re.search(r"<td[^>]*>fit</td>", page)
+
+
 def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
     """With what was read in a pose written beside it, the file is measurements."""
     assert run_cli("poses", UR5, "-o", "p.csv", *POINT, "--candidates", "60", "-n", "25", "--no-collisions").code == 0
@@ -148,6 +193,7 @@ def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
         ((*POINT, "--trajectory", "t.xml"), "expected .yaml (ROS 2), .script (URScript) or .csv (degrees)"),
         ((*POINT, "--until", "0.1"), "--until 0.1: expected a length with its unit, such as 0.1mm"),
         ((*POINT, "--check", "--criterion", "D"), "--check has a criterion and a number of its own; leave out --criterion"),
+        ((*POINT, "--range-m", "5,1"), "--range-m 5,1: expected the least distance, from 0, and behind it the larger one"),
         ((*POINT, "--check", "-n", "20"), "-n 20: a check has 6 to 10 poses"),
         ((*POINT, "--limits", "l.yaml"), "l.yaml:1: joint 'elbow_joint': 10 to 5 deg leaves no room"),
         (("--board", "tool0=9x6:25mm"), "name the camera's lens with --camera CAMERA.yaml"),

@@ -23,3 +23,13 @@ def test_the_corners_of_a_board_are_one_line(run_cli: Callable[..., CliResult], 
     assert re.search(r"tool, 12 corners +34 spots or targets in pictures +\.u \.v +\(px\)", done.out), done.out
     assert re.search(r"upper +3 spots", done.out)
     assert "tool:" not in done.out
+
+
+def test_spots_in_pixels_want_a_camera_that_knows_the_screen(run_cli: Callable[..., CliResult], tmp_path: Path) -> None:
+    """Where it knows none, that is said with the way out, in one line."""
+    (tmp_path / "small.urdf").write_text(URDF)
+    (tmp_path / "camera.yaml").write_text("size_px: [640, 480]\nintrinsics: {fx: 500, fy: 500, cx: 320, cy: 240}\n")
+    (tmp_path / "m.csv").write_text("turn,lift,slide,laser_1.u,laser_1.v\n0,0,0.1,300,200\n0.1,0,0.1,310,200\n")
+    done = run_cli("measurements", "small.urdf", "m.csv", "--camera", "camera.yaml")
+    assert done.code == 2
+    assert "the camera knows no screen; add it with" in done.err

@@ -31,6 +31,19 @@ parameters:
   slide.*: {fixed: true}
 """
 ERRORS = "error_model: placement\nparameters: {lift.trans_x: 0.002, turn.rot_y: 0.003, slide.trans_y: -1e-3}\n"
+LIMITS = "deg: {turn: [-20, 30]}\nrad: {lift: [-0.4, 0.5]}\nmm: {slide: [10, 250.0]}\n"
+SCENE = (
+    "link: base\nboxes: {table: {size_mm: [300, 300, 40], xyz_mm: [0, 0, -900]}}\n"
+    "planes: {floor: {normal: [0, 0, 1], xyz_mm: [0, 0, -950]}}\n"
+    "cylinders: {post: {radius_mm: 40, length_mm: 90, xyz_mm: [0, -2000, 450], rpy_deg: [0, 0, 10]}}\n"
+    "meshes: {part: {file: part.stl, scale: 0.001, xyz_mm: [0, 3000, 0]}}\n"
+)
+SRDF = '<robot name="small"><disable_collisions link1="base" link2="upper" reason="Adjacent"/></robot>\n'
+INFO = (
+    "image_width: 280\nimage_height: 210\ncamera_matrix:\n  rows: 3\n  cols: 3\n  data: [262.0, 0, 140, 0, 262.0, 105, 0, 0, 1]\n"
+    "distortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n  cols: 5\n  data: [-0.1, 0.01, 1e-3, -1e-3, 0]\n"
+    "screen: {side: front, xyz: [0.1, 0.2, 2.5], rpy: [1.5, 0.1, -1.6]}\n"
+)
 MARKERS = "dictionary: DICT_4X4_50\nsize_mm: 250\nmarkers: {0: [550, 400], 1: [-550, 400], 2: [550, -400], 3: [-550, -400]}\n"
 BENCH = "distance [mm],laser_1.x [mm],laser_1.y [mm],laser_2.x [mm],laser_2.y [mm]\n" + "".join(
     f"{distance},{0.2 * distance + 1},{0.3 + 0.01 * distance},{-0.2 * distance},{0.1 + 0.02 * distance}\n"
@@ -60,6 +73,11 @@ TEXTS = {
     "shown.urdf": URDF.replace('<link name="upper"/>', f'<link name="upper">{SHOWN}</link>'),
     "ur.urdf": UR,
     "rig.yaml": RIG,
+    "limits.yaml": LIMITS,
+    "limits.csv": "joint,lower,upper,unit\nturn,-20,0.3e2,deg\nslide,0.01,0.2,m\n",
+    "scene.yaml": SCENE,
+    "small.srdf": SRDF,
+    "info.yaml": INFO,
     "errors.yaml": ERRORS,
     "markers.yaml": MARKERS,
     "bench.csv": BENCH,
@@ -75,6 +93,7 @@ VIEWS = ("view1.png", "view2.png", "view3.png")
 _VIEW = "view shown.urdf --html out.html --overwrite"
 _LENS = f"camera {' '.join(VIEWS)} --board 4x3:30mm -o out.yaml --overwrite --distortion plain"
 _SCREEN = "camera --lens camera.yaml --screen marked.png --markers markers.yaml -o out.yaml --overwrite"
+_POSES = "poses small.urdf -o out.csv --overwrite --sensor point:tool --candidates 10 -n 3"
 _PIXELS = "fit small.urdf pixels.csv --camera camera.yaml -o out.urdf --overwrite"
 COMMANDS = {
     "small.urdf": (
@@ -119,6 +138,15 @@ COMMANDS = {
         "compare c.yaml small.urdf",
         "correct small.urdf targets.csv --calibration c.yaml -o out.csv --overwrite --tool tool",
     ),
+    "limits.yaml": (f"{_POSES} --limits limits.yaml --no-collisions",),
+    "limits.csv": (f"{_POSES} --limits limits.csv --no-collisions",),
+    "scene.yaml": (f"{_POSES} --scene scene.yaml",),
+    "small.srdf": (f"{_POSES} --srdf small.srdf",),
+    "poses.csv": (
+        "view small.urdf poses.csv --html out.html --overwrite",
+        f"{_POSES} --region poses.csv --no-collisions",
+    ),
+    "info.yaml": ("measurements small.urdf pixels.csv --camera info.yaml",),
     "prior.yaml": ("fit small.urdf m.csv -o out.urdf --overwrite --prior-from prior.yaml",),
     "tesseract.yaml": ("import small.urdf tesseract.yaml -o out.yaml --overwrite",),
     "dh.csv": ("import small.urdf dh.csv --convention modified --tip tool -o out.yaml --overwrite",),
@@ -201,6 +229,7 @@ def _measure(run_cli: Run, folder: Path) -> None:
     for command in (
         "simulate small.urdf -o m.csv --poses 20 --errors 5mm,0.5deg --spot-noise-mm 0.3",
         "simulate small.urdf -o one.csv --poses 1",
+        "poses small.urdf -o poses.csv --sensor point:tool --candidates 12 -n 4 --no-collisions --approach both",
         "fit small.urdf m.csv -o c.urdf --error-model placement",
         "fit small.urdf m.csv -o g.urdf --compensation sag.yaml",
         "render small.urdf one.csv -o pictures --spot-mm 30 --markers markers.yaml --dark dark.png",

@@ -91,7 +91,8 @@ class Ways:
         lengths = self._lengths
         for row, shape in enumerate(shapes):
             shape.geometry.computeLocalAABB()
-            own = float(np.linalg.norm(shape.placement.act(shape.geometry.aabb_center)) + shape.geometry.aabb_radius)
+            with np.errstate(over="ignore", invalid="ignore"):  # a plane has no end
+                own = float(np.linalg.norm(shape.placement.act(shape.geometry.aabb_center)) + shape.geometry.aabb_radius)
             for joint in range(1, self.model.njoints):
                 if not _slides(self.model.joints[joint]) and self.model.joints[joint].nv == 1:
                     far[row, self.model.joints[joint].idx_v] = own + self._between(joint, shape.parentJoint, lengths)

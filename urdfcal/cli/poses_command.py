@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 _TEST = 5  # every such pose is to test on
 _MOST = 200  # poses that --until tries
 _SHORT = "interrupted: these are the best poses so far"
-_CUT = "interrupted: legs that were not looked at by then are among those without a way"
+_CUT = "interrupted: legs that were not looked at by then count as legs without a free way"
 _CHECK = (6, 10)  # poses that tell a later change
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?|\.\d+)\s*(mm|m|um)")
 _SIZES = {"m": 1e3, "mm": 1.0, "um": 1e-3}  # [mm]
@@ -268,7 +268,7 @@ def poses(
     said += [_CUT] if cut() else []
     said += [*(cells.warnings if cells else ()), *plan.assumed, *_not_driven(tour, drives)]
     if until_mm is not None and plan.tool_sigma_mm[-1] > until_mm:
-        said.append(f"after {len(plan)} poses the tool is predicted to be {plan.tool_sigma_mm[-1]:.3g} mm off, more than {until_mm:g} mm")
+        said.append(_not_reached(plan, until_mm))
     warn(said, quiet)
     files: dict[str | Path, bytes] = {output: plan_csv(plan, tour, _TEST, made_of, approach is Approach.BOTH)}
     drive = drive_of(plan, tour, both_sides=approach is Approach.BOTH, speed=speed, pause=pause, made_of=made_of)
@@ -278,7 +278,7 @@ def poses(
 
         files[page] = poses_page(plan, tour, _TEST, said, inputs.items(), made_of)
     deliver(files)
-    lines = [*plan_lines(plan, tour), f"wrote {listed(told(files))}"]
+    lines = [*plan_lines(plan, tour, earlier is not None), f"wrote {listed(told(files))}"]
     finish(plan_json(plan, tour, told(files)) if as_json else None, "\n".join(lines), quiet)
     if short() or cut():
         raise KeyboardInterrupt
@@ -395,6 +395,12 @@ def _plan(arm: Robot, asked: Asked, wanted: dict[str, Any], cells: Cells | None,
         hidden=cells.hidden if cells is not None else None,
         **wanted,
     )
+
+
+def _not_reached(plan: PosePlan, until_mm: float) -> str:
+    way = "more --candidates might do" if len(plan) < _MOST else "no more are tried"
+    off = f"{plan.tool_sigma_mm[-1]:.3g} mm off, not {until_mm:g} mm"
+    return f"--until is not reached: after {len(plan)} poses the tool is predicted to be {off}; {way}"
 
 
 def _not_driven(tour: Tour, drives: Sequence[Path]) -> list[str]:

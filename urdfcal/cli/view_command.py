@@ -117,7 +117,7 @@ def view(
     from dataclasses import replace
 
     from urdfcal.output.replaced import inputs_sha256, require_marked
-    from urdfcal.output.view.planned import planned_poses
+    from urdfcal.output.view.planned import planned_poses, ways_between
     from urdfcal.output.view.server import require_address
     from urdfcal.output.view.viewer import view_of
 
@@ -135,17 +135,18 @@ def view(
         made_of = inputs_sha256(shown)
         if not overwrite:
             require_marked(html, ('id="urdfcal-scene"', made_of), "page that urdfcal view has made of the same files")
-    options = rig_file.options()
+    options, ways = rig_file.options(), None
     if measurements is not None:
-        planned = planned_poses(measurements, arm, target) if reference is None and camera is None else None
-        if planned is None:
+        data = planned_poses(measurements, arm, target, reference or rig_file.reference)
+        if data is None:
             arm, data = measured(arm, measurements, rig_file, reference, target, camera)
         else:
-            data, options = planned, replace(options, reference_known=True, target_known=True)
+            ways, blocked = ways_between(measurements, data)
+            data, options = replace(data, warnings=data.warnings + blocked), replace(options, reference_known=True, target_known=True)
     other, bending = (None, None) if calibrated is None else _calibrated(arm, calibrated, package_dir, quiet)
     if session is not None and measurements is None:
         raise UsageError(f"--session {session}: name the measurements that it is of")
-    seen = view_of(arm, data, other, magnify, options, bending, session)
+    seen = view_of(arm, data, other, magnify, options, bending, session, ways)
     say(verbose, about(seen.scene.robot))
     warn((*(data.warnings if data is not None else ()), *seen.warnings), quiet)
     if html is None:
@@ -175,11 +176,11 @@ def _calibrated(arm: Robot, path: Path, package_dir: list[Path] | None, quiet: b
 def _serve(seen: View, host: str, port: int, no_open: bool, as_json: bool, quiet: bool) -> None:
     with seen.serve(port, host) as server:
         say(port not in (0, server.port), f"urdfcal: port {port} is taken", sys.stderr)
-        finish({"url": server.url, "port": server.port} if as_json else None, f"{server.url} shows the robot; Ctrl-C stops", False)
-        sys.stdout.flush()
-        if not no_open:
-            _open(server.url)
         try:
+            finish({"url": server.url, "port": server.port} if as_json else None, f"{server.url} shows the robot; Ctrl-C stops", False)
+            sys.stdout.flush()
+            if not no_open:
+                _open(server.url)
             server.wait()
         except KeyboardInterrupt:
             say(not quiet, "stopped")

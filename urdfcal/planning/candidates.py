@@ -124,5 +124,5 @@ def require_enough(candidates: Candidates, n: int, was_given: bool) -> None:
         return
     told = f"; {candidates.told(not was_given)}" if candidates.reasons else ""
     if not was_given and n >= 1:
-        raise UsageError(f"plan_poses: {many(n, 'pose')} wanted of {many(count, 'candidate')}{told}")
+        raise UsageError(f"{many(n, 'pose')} wanted of {many(count, 'candidate')}{told}")
     raise UsageError(f"plan_poses: expected n from 1 to {count}, the number of candidates, found {n}{told}")

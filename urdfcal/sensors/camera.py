@@ -138,8 +138,8 @@ class Camera:
 
     def _met(self, rays: Array3) -> Array3:
         """Where rays (..., 3) in camera axes, of any length, meet the screen, (..., 2) = (y, z), [m]."""
-        rays = rays @ self._screen.rotation  # in screen axes
-        centre = self._screen.actInv(np.zeros(3))
+        rays = rays @ self.screen.rotation  # in screen axes
+        centre = self.screen.actInv(np.zeros(3))
         with np.errstate(divide="ignore", invalid="ignore"):
             lengths = -centre[0] / rays[..., 0]
         lengths[~(lengths > 0)] = np.nan
@@ -151,14 +151,19 @@ class Camera:
         Raises:
             UsageError: the camera knows no screen.
         """
-        by_spot: Array3 = self.project_jacobian(self._on_screen(self.spots_of_pixels(pixels))) @ self._screen.rotation[:, 1:]
+        by_spot: Array3 = self.project_jacobian(self._on_screen(self.spots_of_pixels(pixels))) @ self.screen.rotation[:, 1:]
         jacobian = np.full(by_spot.shape, np.nan)
         seen = np.isfinite(by_spot).all(axis=(1, 2))
         jacobian[seen] = np.linalg.inv(by_spot[seen])
         return jacobian
 
     @cached_property
-    def _screen(self) -> SE3:
+    def screen(self) -> SE3:
+        """T_camera_screen.
+
+        Raises:
+            UsageError: the camera knows no screen.
+        """
         if self.T_camera_screen is None:
             raise UsageError(
                 "the camera knows no screen; add it with urdfcal camera --lens CAMERA.yaml --screen IMAGE --markers SCREEN.yaml"
@@ -169,4 +174,4 @@ class Camera:
     def _on_screen(self, spots: Matrix) -> Matrix:
         """Points (n, 3) in camera axes of spots (n, 2)."""
         spots = np.asarray(spots, dtype=float).reshape(-1, 2)
-        return np.asarray(spots @ self._screen.rotation[:, 1:].T + self._screen.translation)
+        return np.asarray(spots @ self.screen.rotation[:, 1:].T + self.screen.translation)

@@ -310,7 +310,7 @@ class SpotPixelSensor(PixelSensor):
         """See the base class."""
         spots, lost, direction = _beams_seen(view)
         spots = np.where(np.isfinite(spots), spots, 0.0)
-        T_camera_screen, twists = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        T_camera_screen, twists = screen_before(self.camera.screen, view.place[0] if len(view.place) else np.zeros(6))
         points = _in_camera(T_camera_screen, spots)
         by_point = self.camera.project_jacobian(points)
         jac2 = by_point @ T_camera_screen.rotation[:, 1:] @ spot_jacobian(spots, direction)
@@ -320,7 +320,7 @@ class SpotPixelSensor(PixelSensor):
 
     def read(self, view: View) -> Matrix:
         """See the base class."""
-        T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        T_camera_screen, _ = screen_before(self.camera.screen, view.place[0] if len(view.place) else np.zeros(6))
         pixels: Matrix = self.camera.project(_in_camera(T_camera_screen, _beams_seen(view)[0]))
         return pixels
 
@@ -334,7 +334,7 @@ class SpotPixelSensor(PixelSensor):
 
     def shown(self, view: View, values: Matrix) -> Matrix:
         """See the base class; where the rays of the pixels meet the screen."""
-        T_camera_screen, _ = screen_before(self.camera.T_camera_screen, view.place[0] if len(view.place) else np.zeros(6))
+        T_camera_screen, _ = screen_before(self.camera.screen, view.place[0] if len(view.place) else np.zeros(6))
         return _on_screen(replace(self.camera, T_camera_screen=T_camera_screen).spots_of_pixels(np.nan_to_num(values)))
 
     def rays(self, values: Matrix) -> None:

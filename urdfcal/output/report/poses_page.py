@@ -14,6 +14,7 @@ from urdfcal.output.report.plain import PlainReport, made_of_section, plain_page
 from urdfcal.output.report.plots.axes import Axes, Look
 from urdfcal.output.report.plots.svg import Picture, draw_picture
 from urdfcal.output.report.verdict import Opening
+from urdfcal.output.text.poses import set_of
 from urdfcal.planning.plan import PosePlan
 from urdfcal.planning.tour import Tour
 from urdfcal.robot.configurations import joint_limits
@@ -99,10 +100,11 @@ def _poses(plan: PosePlan, tour: Tour, test: int) -> Section:
     names = tuple(f"{name}, {'mm' if slide else 'deg'}" for name, slide in zip(plan.joints, slides, strict=True))
     on = [*("blocked" if leg in tour.blocked else f"{seconds:.1f}" for leg, seconds in enumerate(tour.seconds)), ""]
     rows = tuple(
-        (f"p{number:02d}", "test" if number % test == 0 else "fit", *(f"{value:.1f}" for value in q / units), left)
+        (f"p{number:02d}", set_of(plan, number, test), *(f"{value:.1f}" for value in q / units), left)
         for number, (q, left) in enumerate(zip(plan.q[tour.order], on, strict=True), start=1)
     )
-    text = f"In the order to drive them, {float(tour.seconds.sum()):.0f} s at full speed; with what the way to the next one takes."
+    whole = f", {float(tour.seconds.sum()):.0f} s at full speed; with what the way to the next one takes" if len(tour.seconds) else ""
+    text = f"In the order to drive them{whole}."
     return Section("poses", "The tour", (text, Gallery("tour"), Table(("pose", "set", *names, "next in s"), rows, words=2)))
 
 
@@ -132,7 +134,7 @@ def _shares(plan: PosePlan, tour: Tour) -> Vector:
 
 def _covered(plan: PosePlan, tour: Tour, test: int) -> Picture:
     shares, rows = _shares(plan, tour), -np.arange(len(plan.joints), dtype=float)
-    tested = (np.arange(len(plan)) + 1) % test == 0
+    tested = np.array([set_of(plan, number, test) == "test" for number in range(1, len(plan) + 1)])
 
     def draw(axes: Axes) -> None:
         axes.bars(np.zeros(len(rows)), np.full(len(rows), 100.0), rows, "band")

@@ -1,7 +1,7 @@
 """Times and what is where at them: the key frames of an animation, and clips as meshcat wants them.
 
 Time is the number of the pose: pose k is held from k - 0.3 to k + 0.3 and the robots move in between, straight in joint space, so
-that links stay together and beams end on the screen on the way, too.
+that links stay together and beams end on the screen on the way, too. Where a planned way goes around, they go that way.
 """
 
 from __future__ import annotations
@@ -79,19 +79,31 @@ def key_frames(scene: Scene) -> KeyFrames:
     """The poses that are animated (the worst and others evenly, where there are very many) and steps between them."""
     rows = animated_rows(scene)
     steps = max(1, min(8, _MOST_KEYS // max(len(rows), 1) - 1))
-    times, firsts, shares = [0.0], [0], [0.0]  # at each time some row, and a share of the way to the next one
-    for number in range(1, len(rows) + 1):
+    times, q, solid = [0.0], [scene.data.q[rows[0]]], [scene.bent_data.q[rows[0]]]
+    for number, row in enumerate(rows, start=1):
         times += [number - HELD, number + HELD]
-        firsts += [number - 1] * 2
-        shares += [0.0, 0.0]
+        q += [scene.data.q[row]] * 2
+        solid += [scene.bent_data.q[row]] * 2
         if number < len(rows):
-            between = np.arange(1, steps) / steps
+            ways = [_way(scene, own, row, rows[number]) for own in (scene.data.q, scene.bent_data.q)]
+            shares = _shares(ways[0])
+            between = np.union1d(np.arange(1, steps) / steps, shares[1:-1])
             times += list(number + HELD + (1 - 2 * HELD) * between)
-            firsts += [number - 1] * len(between)
-            shares += list(between)
-    here, after = rows[firsts], rows[np.minimum(np.array(firsts) + 1, len(rows) - 1)]
-    q, solid = (own[here] + np.array(shares)[:, None] * (own[after] - own[here]) for own in (scene.data.q, scene.bent_data.q))
-    return KeyFrames(np.array(times), q, solid, rows)
+            for found, way in zip((q, solid), ways, strict=True):
+                found += list(np.column_stack([np.interp(between, shares, column) for column in way.T]))
+    return KeyFrames(np.array(times), np.array(q), np.array(solid), rows)
+
+
+def _way(scene: Scene, q: Matrix, here: int, after: int) -> Matrix:
+    """The corners of the way from a row's position to another's, both included, (k, inputs)."""
+    by = (scene.planned or {}).get(here) if after == here + 1 else None
+    return np.vstack([q[here], *([] if by is None else by), q[after]])
+
+
+def _shares(way: Matrix) -> Vector:
+    """Which share of the way each of its corners is at, (k,), as far as the joint goes that goes farthest."""
+    lengths = np.maximum(np.abs(np.diff(way, axis=0)).max(axis=1), 1e-9)
+    return np.asarray(np.concatenate([[0.0], np.cumsum(lengths)]) / lengths.sum())
 
 
 def jumps(keys: KeyFrames) -> tuple[Vector, Rows]:

@@ -67,7 +67,7 @@ def layers(scene: Scene) -> list[Layer]:
     found += _instrument_layers(scene)
     for frame, group in scene.groups.items():
         found += _screen_layers(scene, both) if frame == "screen" else _frame_layers(scene, group)
-        found += _mark_layers(group, both)
+        found += _mark_layers(group, both, scene.planned is not None)
         found += _axes_layers(group, len(scene.data) > 1)
     return found
 
@@ -133,7 +133,7 @@ def _frame_layers(scene: Scene, group: MarkGroup) -> list[Layer]:
     return found
 
 
-def _mark_layers(group: MarkGroup, both: bool) -> list[Layer]:
+def _mark_layers(group: MarkGroup, both: bool, planned: bool) -> list[Layer]:
     """What was read, where robots have it, and the errors."""
     numbers = [index + 1 for index in group.moving if group.marks[index].is_point]
     if not numbers:
@@ -145,6 +145,10 @@ def _mark_layers(group: MarkGroup, both: bool) -> list[Layer]:
     what, shape, turn = ("spot", "ring", 0) if group.frame == "screen" else ("target", "cross", 45)
     words = "; ".join(dict.fromkeys(mark.sensor.mark for mark in group.marks if mark.is_point))
     who = "uncalibrated robot" if both else "URDF"
+    if planned and not both:  # all of these are at one place
+        every = (path for name in ("measured", "nominal", "error") for path in paths(name))
+        return [Layer(Swatch("disc", css(MEASURED)), f"{what}, planned", tuple(every))]
+    words = f"{what}, planned" if planned else words
     measured = [Layer(Swatch("disc", css(MEASURED)), words, paths("measured"))]
     predicted = [Layer(Swatch(shape, css(NOMINAL)), f"{what}, predicted by the {who}", paths("nominal"))]
     shift = []
@@ -216,9 +220,11 @@ def panel_of(scene: Scene, shown: int) -> Panel:
     """The panel of a scene of which `shown` poses are animated."""
     n, measured = len(scene.data), not scene.data.empty
     about = f"{n} poses, {_count(scene)}" if measured else f"{many(n, 'pose')}, nothing measured"
+    about = about if scene.planned is None else f"{many(n, 'planned pose')}, nothing measured yet"
+    told = scene.planned is None or scene.calibrated is not None  # else all errors are zero
     if shown < n:
         about += f"; {shown} of the poses can be stepped through"
-    return Panel(scene.robot.name, about, n > 1, _errors(scene) if measured else None, tuple(layers(scene)))
+    return Panel(scene.robot.name, about, n > 1, _errors(scene) if measured and told else None, tuple(layers(scene)))
 
 
 def _count(scene: Scene) -> str:
@@ -243,6 +249,7 @@ def _label(scene: Scene, row: int) -> str:
 
 def _errors(scene: Scene) -> ErrorTable:
     several = len(scene.data) > 1
+    what = "measured" if scene.planned is None else "planned"
     units = {compared.unit for compared in scene.compared}
     common = units.pop() if len(units) == 1 else ""
     rows = (
@@ -253,7 +260,7 @@ def _errors(scene: Scene) -> ErrorTable:
         for compared in scene.compared
     )
     return ErrorTable(
-        "Distance from measured to predicted spot" if scene.data.only_spots else "From measured to predicted",
+        f"Distance from {what} to predicted spot" if scene.data.only_spots else f"From {what} to predicted",
         common,
         ("this pose", "mean of all") if several else ("this pose",),
         ("before", "after") if scene.calibrated is not None else ("error",),

@@ -6,7 +6,7 @@ Both robots share the screen, or without lasers the reference link, so the nomin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -139,6 +139,8 @@ class Scene:
         options: What is said of the instruments.
         bent: Joint positions at which the calibrated robot stands where the arm does, with what it gives way, (n, inputs), [rad] or [m];
             None where it is as stiff as its URDF.
+        planned: Of poses that were planned and not measured the positions (k, inputs), [rad] or [m], that the way to the next one goes by,
+            by their row, where it is not straight; None where they were measured.
     """
 
     robot: Robot
@@ -147,6 +149,7 @@ class Scene:
     magnify: float | None = None
     options: ModelOptions | None = None
     bent: Matrix | None = None
+    planned: Mapping[int, Matrix] | None = None
 
     @property
     def solid(self) -> Robot:
@@ -214,7 +217,8 @@ class Scene:
 
     def _phases(self, on_screen: bool) -> list[list[Mark]]:
         """The marks of every robot on the screen, or those in the measuring frame."""
-        return [[mark for mark in placed.marks if mark.on_screen == on_screen] for placed in self.placed]
+        drawn = _alone if self.planned is not None and self.calibrated is None else _as_it_is
+        return [[drawn(mark) for mark in placed.marks if mark.on_screen == on_screen] for placed in self.placed]
 
     @cached_property
     def sheet(self) -> Sheet:
@@ -282,6 +286,15 @@ def _read(marks: Sequence[Mark]) -> Matrix:
 def _crowd(places: Matrix) -> float:
     """How much smaller marks are where there are many."""
     return float(min(1.0, (_FEW / max(len(places), 1)) ** 0.35))
+
+
+def _as_it_is(mark: Mark) -> Mark:
+    return mark
+
+
+def _alone(mark: Mark) -> Mark:
+    """The same without predictions: of what is planned they are where it is planned."""
+    return replace(mark, predicted=np.full_like(mark.predicted, np.nan))
 
 
 def _if_held(mark: Mark, sheet: Sheet) -> Mark:

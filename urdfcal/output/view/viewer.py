@@ -6,6 +6,7 @@ view.write_html("view.html"); view.serve(); view          # the last line of a n
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -16,6 +17,7 @@ import numpy as np
 
 from urdfcal.base.errors import ShapeMismatch, UsageError
 from urdfcal.base.files import write_whole
+from urdfcal.base.geometry import Matrix
 from urdfcal.base.terminal import many
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
@@ -91,6 +93,7 @@ def view_of(
     options: ModelOptions | None = None,
     compensation: Compensation | None = None,
     session: str | None = None,
+    planned: Mapping[int, Matrix] | None = None,
 ) -> View:
     """Put robot, beams, screen, spots and targets into a scene.
 
@@ -102,6 +105,7 @@ def view_of(
         options: Of which only what concerns the instruments matters, as for `evaluate`.
         compensation: How the calibrated robot gives way, of whose joint fit it is.
         session: Which session's measurements are shown; by default the first one's, or those of all where that can be.
+        planned: Of poses that were planned and not measured, where the way behind some rows goes by, (k, inputs), [rad] or [m].
 
     Raises:
         ShapeMismatch: the two robots do not have the same joints and lasers, or the measurements are another robot's.
@@ -127,7 +131,7 @@ def view_of(
         calibrated = before_its_screen(calibrated, rows)
         said.append(f"the screen of session '{rows.session_names[0]}' stands where it suits the calibrated robot best")
     bent = None if compensation is None else bent_positions(compensation, rows)
-    scene = Scene(robot, calibrated, rows, magnify, options, bent)
+    scene = Scene(robot, calibrated, rows, magnify, options, bent, planned)
     shapes = robot_shapes(scene.solid)
     return View(scene, shapes, (*said, *_missing(scene), *_overlong(scene), *shapes.warnings))
 
