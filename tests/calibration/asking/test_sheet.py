@@ -143,4 +143,4 @@ def told_of(ground: Ground) -> list[float]:
     assert lacking is not None
     length = lacking.length if np.isfinite(lacking.length) else 0.0
     gain = interview.foretold(found) - interview.foretold()
-    return [beside.fitted.total, beside.fitted.log_evidence, gain, lacking.left, length, float(np.linalg.norm(lacking.does))]
+    return [beside.fitted.total, beside.fitted.log_evidence, gain, lacking.left, length, *lacking.reaches]

@@ -55,9 +55,9 @@ class ArmColumns:
 
     def fill(self, out: Array3, turned: Array3, rows: Rows) -> None:
         """Columns of some poses, (count, m, n), from what is read more where a joint turns by one, (turns, m, n)."""
-        basis = np.concatenate([own.basis(rows) for own in self._goes], axis=1)
+        basis = np.concatenate([own.basis(rows).T for own in self._goes]) * self._sigma[:, None]
         turned.take(self._units, axis=0, out=out, mode="clip")  # which needs no further array
-        out *= (basis * self._sigma).T[:, None]
+        out *= basis[:, None]
 
     def _ask(self, what: str, where: str, columns: Sequence[int], price: float) -> None:
         self.questions.append(Question(what, where, np.array(columns, dtype=np.intp) + self.first + self.count, price))

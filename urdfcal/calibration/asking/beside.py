@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Matrix
+from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.calibration.asking.joint_noise import LEAST, under_noise
 from urdfcal.calibration.asking.questions import Answer
 from urdfcal.calibration.asking.sheet import Sheet
@@ -87,12 +87,12 @@ class Beside:
         """All rows, part by part."""
         return (self.bare.sheet.further(strip, self.gears, self.noise) for strip in self.bare.sheet.strips())
 
-    def combined(self, weights: Matrix) -> Matrix:
-        """Sums of the columns times weights (k, columns), row by row, (k, N)."""
-        found = np.empty((len(weights), self.bare.sheet.ground.rows, self.bare.few.columns.shape[1]))
+    def combined(self, weights: Vector) -> Vector:
+        """Sum of the columns times weights (columns,), row by row, (N,)."""
+        found = np.empty((self.bare.sheet.ground.rows, self.bare.few.columns.shape[1]))
         for strip in self.strips():
-            found[:, strip.rows] = np.tensordot(weights, strip.columns[:-1], 1).transpose(0, 2, 1)
-        return found.reshape(len(weights), -1)
+            found[strip.rows] = np.tensordot(weights, strip.columns[:-1], 1).T
+        return found.ravel()
 
     @property
     def grown(self) -> float:

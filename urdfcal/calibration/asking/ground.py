@@ -45,11 +45,6 @@ class Ground:
         """At the estimate."""
         return self.model.linearise(self.estimate.belief.x)
 
-    @property
-    def numbers(self) -> int:
-        """How many numbers the poses have, without what is known beforehand."""
-        return len(self.model.data) * int(self.linearisation.residual.shape[1])
-
     @cached_property
     def rows(self) -> int:
         """How many poses there are, and below them rows of what is known beforehand; several readings of one pose are one row."""

@@ -41,13 +41,16 @@ class Interview:
     def answers(self, least: float = NAMED) -> list[Answer]:
         """What stands out by so many nats, strongest first; where anything does, gravity may pull elsewhere than down."""
         found = self._answers(least)
-        return found if self._answering is self or not found else self._answering._answers(least)
+        return self._answering._answers(least) if found and self._answering is not self else found
 
-    @cached_property
+    @property
     def _answering(self) -> Interview:
         """Whose answers these are, if there are any."""
-        known = self.ground.gravity is not None or self.ground.anywhere
-        return self if known else Interview(replace(self.ground, anywhere=True))
+        return self if self.ground.gravity is not None or self.ground.anywhere else self._anywhere
+
+    @cached_property
+    def _anywhere(self) -> Interview:
+        return Interview(replace(self.ground, anywhere=True))
 
     @cached_property
     def _sheet(self) -> Sheet:
@@ -94,14 +97,12 @@ class Interview:
         does = np.zeros(len(plain.fitted.products) - 1)
         does[beside.fitted.kept.own[p:]] = beside.fitted.x[p:] * beside.fitted.kept.scale[p:]
         own, products = self._bare.fitted, plain.fitted.products[:-1, :-1]
-        moved = own.P @ (products[:p] @ does)
-        seen = np.eye(p) - own.P  # P H'H: what the data decide of each parameter
-        left = float(does @ products @ does - moved @ products[:p] @ does) / float(np.sum(seen * seen.T))
+        reaches = products[:p] @ does
+        moved, seen = own.P @ reaches, np.eye(p) - own.P  # P H'H: what the data decide of each parameter
+        left = float(does @ products @ does - moved @ reaches) / float(np.sum(seen * seen.T))
         rest = does.copy()
         rest[:p] -= moved
-        laid_out, numbers = self.ground.laid_out, self.ground.numbers
-        done, remaining = plain.combined(np.stack([does, rest]))
-        return Lacking(laid_out(done)[:numbers], left, self._length(laid_out(remaining)))
+        return Lacking(reaches / self.ground.model.errors.sigma, left, self._length(self.ground.laid_out(plain.combined(rest))))
 
     def _length(self, rest: Vector) -> float:
         """Root mean square length of whitened numbers, (N,), in the readings of lengths, [m]; infinite where there are none."""
@@ -131,7 +132,7 @@ class Interview:
             return JointNoise(beside.fitted, under_noise(few.kept, [some], EVERY)).answer
         some = some.every(self._sheet.stride * _PART)
         few = few.alone(some.flat @ some.flat.T, len(some.rows) / len(beside.few.rows))
-        guess = JointNoise(few, under_noise(few.kept, [some], EVERY)).best
+        guess = JointNoise(few, under_noise(few.kept, [some], EVERY))
         return JointNoise(beside.fitted, self._bare.under if bare else {}).uphill(guess, beside.strips).answer
 
     def _of_columns(self, beside: Beside, pulled: bool) -> Iterator[Answer]:

@@ -19,7 +19,9 @@ from urdfcal.estimation.added_noise import products
 from urdfcal.estimation.score import Fitted, Kept, log_evidences
 
 SIGMAS = 0.005 * DEG * np.sqrt(2.0) ** np.arange(9)  # [rad]
-EVERY, LEAST = range(len(SIGMAS)), (0, 1)  # of them; the least suffice where joints have no such noise
+EVERY = range(len(SIGMAS))
+LEAST = (0,)  # of them, which mostly suffices: joints have no such noise
+_SURE = 10.0  # [nats] by which few rows must tell a size from the best one for it not to be tried in all of them
 Under = dict[int, tuple[Matrix, float]]
 
 
@@ -45,10 +47,11 @@ class JointNoise:
     fitted: Fitted
     under: Under
 
-    def uphill(self, guess: int, strips: Callable[[], Iterable[Strip]]) -> JointNoise:
-        """The same with further sizes tried, from a guess on until both neighbours of the best one are no better; of all strips."""
-        known, best = dict(self.under), guess
-        while wanted := {best - 1, best, best + 1}.intersection(EVERY) - known.keys():
+    def uphill(self, few: JointNoise, strips: Callable[[], Iterable[Strip]]) -> JointNoise:
+        """The same with further sizes tried in all strips, from the best of few rows on until no neighbour can be better."""
+        known, best, gains = dict(self.under), few.best, few._gains
+        likely = {number for number, gain in gains.items() if gain > gains[best] - _SURE}
+        while wanted := likely.intersection((best - 1, best, best + 1)) - known.keys():
             known |= under_noise(self.fitted.kept, strips(), wanted)
             best = replace(self, under=known).best
         return replace(self, under=known)
