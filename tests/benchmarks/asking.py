@@ -32,8 +32,7 @@ from urdfcal.api import Calibration
 from urdfcal.base.geometry import MM
 from urdfcal.calibration.analysis.sag import fit_sag
 from urdfcal.calibration.asking.disturbances import courses_of
-from urdfcal.calibration.asking.ground import Ground
-from urdfcal.calibration.asking.rig import rig_columns
+from urdfcal.calibration.asking.rig import RigColumns
 from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.richer import usual_range
 from urdfcal.estimation.ekf import Belief, iterated_schedule
@@ -55,8 +54,7 @@ def told(arm: DisturbedArm, what: str, found: Calibration) -> float:
     noise = replace(noise, joint_sigma=np.zeros(len(arm.fit.joints)))
     chain = arm.robot.chain
     if what in RIGS:
-        ground = Ground(arm.robot, Problem(errors, arm.fit), replace(found.estimate, belief=Belief(np.zeros(len(bare)), np.eye(len(bare)))))
-        terms = [term for term in rig_columns(ground)[1] if term.what == RIGS[what]]
+        terms = [term for term in RigColumns(Problem(errors, arm.fit), np.zeros(len(bare))).terms if term.what == RIGS[what]]
         errors = with_rig(errors, terms, courses_of(arm.fit))
     elif what == "joint_noise":
         noise = replace(noise, joint_sigma=np.full(len(arm.fit.joints), USUAL[what]))

@@ -13,7 +13,10 @@ from tests.support.sensor_cases import CASES, SensorCase, session_errors, setup_
 from urdfcal.base.geometry import Matrix, Vector
 from urdfcal.base.rotations import matrices, rotation_vectors
 from urdfcal.calibration.problem import Problem
+from urdfcal.model.error_model import with_softness
+from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.options import ModelOptions
+from urdfcal.model.softness import gravity_terms, unit_terms
 from urdfcal.robot.configurations import joint_limits
 from urdfcal.robot.corrections import OriginCorrection, applied
 from urdfcal.robot.robot import Robot
@@ -71,6 +74,23 @@ def test_sums_of_parts_are_those_of_the_whole(
         for what in ("plain", "stated", "known"):
             expected = getattr(other, what)
             np.testing.assert_allclose(getattr(own, what), expected, atol=1e-12 * max(1.0, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("name", ["every kind", "hand sees hand", "reference carried", "head camera"])
+def test_turns_of_joints_are_what_soft_joints_do(name: str, robots: dict[str, Robot], rng: np.random.Generator) -> None:
+    """About its own axis and the two across it, also of joints that are walked backward, and of such that give way already."""
+    setup = setup_of(CASES[name], robots, rng)
+    data = simulate_readings(setup, 5, rng)
+    spots, x = far_state(setup, data, "auto", CASES[name], rng)
+    weighed, chain, tip = WeighedRobot(setup.robot, Gravity()), setup.robot.chain, setup.robot.rig.tip
+    units, sag = unit_terms(chain), gravity_terms(chain, weighed.moments(data.q))
+    for before in ((), sag):
+        errors = with_softness(spots.errors, before, weighed, tip) if before else spots.errors
+        at = np.concatenate([x, rng.normal(0, 1e-3, len(before))])
+        found = np.concatenate([turns for *_, turns in Problem(errors, data).by_parts(at)], axis=2)
+        softer = with_softness(spots.errors, (*before, *units), weighed, tip)
+        expected = Problem(softer, data).jacobian(np.concatenate([at, np.zeros(len(units))]))[:, :, len(at) :]
+        np.testing.assert_allclose(found.transpose(2, 1, 0), expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("name", CASES)

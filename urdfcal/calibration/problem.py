@@ -17,7 +17,7 @@ from itertools import groupby
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
+from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import disturbed, progress
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.normal import Numbers, Summing
@@ -341,38 +341,68 @@ class Problem:
     def _swept(self, x: Vector, summing: bool, keeping: bool) -> _Swept:
         """One sweep over all poses: sums of what is read, the whole Jacobian, or both."""
         n, m, p = *self.measured.shape, len(self.errors.names)
-        swept = _Swept(
+        swept = self._unswept
+        swept.jacobian = np.zeros((n, m, p)) if keeping else None
+        swept.summing = Summing(p, self._numbers) if summing else None
+        for part, motion in self._motions(x):
+            columns = self._sweep(swept, motion, part, x)
+            if swept.summing is not None:
+                columns[-1] = swept.residual[part.rows].T
+                swept.summing.add(columns, part.rows)
+                swept.last = columns if len(self.parts) == 1 and swept.jacobian is None else None
+        return swept
+
+    @property
+    def _unswept(self) -> _Swept:
+        n, m = self.measured.shape
+        return _Swept(
             residual=np.zeros((n, m)),
             joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
             blocks=self.blocks,
-            jacobian=np.zeros((n, m, p)) if keeping else None,
-            summing=Summing(p, self._numbers) if summing else None,
+            jacobian=None,
+            summing=None,
         )
-        for part, motion in self._motions(x):
-            self._sweep(swept, motion, part, x)
-        return swept
 
-    def _sweep(self, swept: _Swept, motion: ArmMotion, part: Part, x: Vector) -> None:
-        """One part of the poses: what every channel reads, and once for all of them how it goes with the arm."""
+    def by_parts(self, x: Vector) -> Iterator[tuple[Part, ArmMotion, Array3, Array3]]:
+        """The poses, one part after the other: how they move, and derivatives of what is read.
+
+        Yields:
+            Part of the poses, how they move, derivatives by the parameters (p, m, n) and by `softness.unit_terms` (3 moving, m, n).
+        """
+        swept, moving = self._unswept, len(self.errors.chain.moving)
+        for part, motion in self._motions(x):
+            turns = np.empty((moving, 3, self.measured.shape[1], len(motion.posture)))
+            columns = self._sweep(swept, motion, part, x, turns)[:-1]
+            yield part, motion, columns, turns.reshape(3 * moving, *turns.shape[2:])
+
+    def known_beforehand(self, x: Vector) -> Array3:
+        """Gradients of what is known beforehand, each in the first number of its row, (rows, m, p)."""
+        return _stacked(_known_rows(self.errors, self.data.lengths, x), self.measured.shape[1], len(x))
+
+    def _sweep(self, swept: _Swept, motion: ArmMotion, part: Part, x: Vector, turns: Array4 | None = None) -> Array3:
+        """One part of the poses: what every channel reads, and once for all of them how it goes with the arm, (p + 1, m, n).
+
+        Where there is an array (moving, 3, m, n) for turns of the joints about all axes, it is filled.
+        """
         rows, (n, m) = part.rows, (len(motion.posture), self.measured.shape[1])
         g = np.zeros((n, m, 6))
         beside = [channel.take(swept, g, look, of_rig, motion, rows) for channel, look, of_rig in self._looks(motion, part, x)]
-        if swept.jacobian is None and swept.summing is None and not self.joints:
-            return
-        columns, by_axis = motion.derivatives(g, axes=self.joints, more=1)
+        if swept.jacobian is None and swept.summing is None and not self.joints and turns is None:
+            return np.empty((len(x) + 1, m, 0))
+        columns, by_axis = motion.derivatives(g, axes=self.joints or turns is not None, more=1, behind=turns)
         self._shares[part.session].apply(columns)
         for put in filter(None, beside):
             put(columns)
         if swept.jacobian is not None:
             swept.jacobian[rows] = columns[:-1].transpose(2, 1, 0)
-        if swept.summing is not None:
-            columns[-1] = swept.residual[rows].T
-            swept.summing.add(columns, rows)
-            swept.last = columns if len(self.parts) == 1 and swept.jacobian is None else None
+        if turns is not None:
+            motion.unit_turns(by_axis, turns)
+            self._axis_shares.apply(turns)
         if self.joints:
             self._axis_shares.apply(by_axis)
             swept.joint_jacobian[rows] = motion.by_inputs(by_axis)
+        return columns
 
     def _looks(self, motion: ArmMotion, part: Part, x: Vector) -> Iterator[tuple[Channel, Look, Array3]]:
         """What each sensor makes of its target at some poses."""

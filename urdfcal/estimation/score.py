@@ -14,6 +14,10 @@ that is merely larger than it should be is no nuisance. How large a nuisance may
 sizes, and what looking at several costs is taken off the gain, log of their number.
 
 One that stands out explains some of what others seem to. So it goes into H, with its prior into P0, before they are asked again.
+
+All of this is algebra on the products of columns, [C e]' [C e], C those of the fit and of all that is asked, however many rows there are.
+The residual e is taken at the estimate, d in units of the prior sigmas, so that y = e + H d, and nothing cancels: with u = P (H'e - d),
+which is hardly anything there, the fit is at d + u, and what it leaves is r = e - H u.
 """
 
 from __future__ import annotations
@@ -26,10 +30,6 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Matrix, Vector
-from urdfcal.estimation.ekf import Belief
-from urdfcal.estimation.noise import Noise
-from urdfcal.estimation.normal import Normal
-from urdfcal.estimation.residual import Linearisation
 
 SIZES = np.array([0.1, 0.3, 1.0, 3.0, 10.0])  # times the usual one that a nuisance may have
 _EXACT = 1e-4  # share of the noise's variance, under which data are exact and say nothing more
@@ -37,6 +37,36 @@ _DIGITS = 1e12  # times as well as before that data may tell a parameter for sum
 _NEAR_ALL = 0.98  # share of the misfit beyond which nothing explains it
 
 Rows = npt.NDArray[np.intp]
+AnyPrecision = npt.NDArray[np.float64] | npt.NDArray[np.float32]
+ComplexMatrix = npt.NDArray[np.complex128] | npt.NDArray[np.complex64]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Columns that are in a fit, of all that there are.
+
+    Attributes:
+        own: Which of them, (p,).
+        scale: How many times their usual size these are expected to be, (p,).
+    """
+
+    own: Rows
+    scale: Vector
+
+    @staticmethod
+    def first(count: int) -> Kept:
+        """So many that come first."""
+        return Kept(np.arange(count), np.ones(count))
+
+    def beside(self, columns: Rows, size: float) -> Kept:
+        """These and further ones, so many times as large as usual."""
+        return Kept(np.append(self.own, columns), np.append(self.scale, np.full(len(columns), size)))
+
+    def rows(self, columns: Array3) -> Array3:
+        """These of all columns and, behind them, the residual, (p + 1, m, n), from (columns + 1, m, n)."""
+        own = columns.take(np.append(self.own, len(columns) - 1), axis=0)
+        own[:-1] *= self.scale[:, None, None]
+        return own
 
 
 @dataclass(frozen=True)
@@ -44,91 +74,60 @@ class Fitted:
     """A fit to which questions are put, whitened.
 
     Attributes:
-        H: Jacobian, (N, p), by the parameters in units of their prior sigmas.
-        y: Data less what the prior expects, (N,).
+        products: [C e]'[C e] of columns C in units of their usual sizes and the residual e at some state, (columns + 1, columns + 1).
+        kept: Which of the columns are in the fit.
+        at: The state where the residual was taken, less what the prior expects, in units of what is expected, (p,).
         numbers: Degrees of freedom: how many numbers there are, less the parameters that they decide.
-        roots: What whitens further columns once more, (rows, m, m), where noise was added since; None where none was.
     """
 
-    H: Matrix
-    y: Vector
+    products: Matrix
+    kept: Kept
+    at: Vector
     numbers: float
-    roots: Array3 | None = None
 
     @staticmethod
-    def of(linearisation: Linearisation, noise: Noise, x: Vector, prior: Belief) -> Fitted:
-        """A fit, from its linearisation at the estimate x; readings of one pose are one row, moved together by noise of joints."""
-        weights, sigma = noise.weights(linearisation), np.sqrt(np.diag(prior.P))
-        H = weights.of_poses(linearisation.jacobian).reshape(-1, len(x)) * sigma
-        y = weights.of_poses(linearisation.residual[..., None]).ravel() + H @ ((x - prior.x) / sigma)
-        decided = float(np.sum(1 - np.diag(np.linalg.inv(H.T @ H + np.eye(H.shape[1])))))
-        return Fitted(H, y, max(linearisation.count - decided, 1.0))
+    def of(products: Matrix, at: Vector, count: float) -> Fitted:
+        """A fit of so many numbers whose columns come first."""
+        kept = Kept.first(len(at))
+        decided = float(np.sum(1 - np.diag(Fitted(products, kept, at, count).P)))
+        return Fitted(products, kept, at, max(count - decided, 1.0))
 
-    def thinned(self, rows: int, stride: int) -> Fitted:
-        """The same fit of one row of so many, of `rows` in all."""
-        H, y = (own.reshape(rows, -1, *own.shape[1:])[::stride] for own in (self.H, self.y))
-        roots = None if self.roots is None else self.roots[::stride]
-        return Fitted(H.reshape(-1, H.shape[-1]), y.ravel(), self.numbers * len(H) / rows, roots)
+    def beside(self, columns: Rows, size: float) -> Fitted:
+        """The same fit with further columns in it, so many times as large as usual."""
+        return replace(self, kept=self.kept.beside(columns, size), at=np.append(self.at, np.zeros(len(columns))))
 
-    def spread(self, roots: Array3) -> Fitted:
-        """The same fit where the noise of some numbers belongs together: rows times the roots of its inverse, (rows, m, m)."""
-        return replace(self, H=rows_times(roots, self.H), y=rows_times(roots, self.y[:, None])[:, 0], roots=roots)
+    def put_to(self, products: Matrix) -> Fitted:
+        """The same fit of rows that were whitened further, or have further columns."""
+        return replace(self, products=products)
 
-    def weighed(self, weights: Vector) -> tuple[float, float]:
-        """Log evidence, and what there is to explain, of the same fit where every number is so many times as precise, (N,)."""
-        rows = self._side_by_side * weights[:, None]
-        normal = Normal.of(rows.T @ rows)
-        information = normal.A + np.eye(len(normal.b))
-        total = normal.c - float(normal.b @ np.linalg.solve(information, normal.b))
-        return -0.5 * (self.numbers * float(np.log(total)) + float(np.linalg.slogdet(information)[1])), total
+    def alone(self, products: Matrix, share: float = 1.0) -> Fitted:
+        """The same fit whose columns are all that there are, of other rows, (p + 1, p + 1), with so large a share of the numbers."""
+        return replace(self, products=products, kept=Kept.first(len(self.at)), numbers=self.numbers * share)
+
+    @property
+    def own(self) -> Matrix:
+        """[H e]'[H e], (p + 1, p + 1)."""
+        return np.block([[self.A, self.b[:, None]], [self.b, self.products[-1, -1]]])
 
     @cached_property
-    def _side_by_side(self) -> Matrix:
-        return np.column_stack([self.H, self.y])
+    def A(self) -> Matrix:
+        """H'H, (p, p)."""
+        own, scale = self.kept.own, self.kept.scale
+        return np.asarray(self.products[own[:, None], own] * (scale[:, None] * scale))
 
-    def _spread(self, columns: Matrix) -> Matrix:
-        return columns if self.roots is None else rows_times(self.roots, columns)
+    @cached_property
+    def b(self) -> Vector:
+        """H'e, (p,)."""
+        return np.asarray(self.products[self.kept.own, -1] * self.kept.scale)
 
     @cached_property
     def tells(self) -> bool:
         """Whether there is anything left to explain, and digits to do so: not of exact data."""
-        return self.total > _EXACT * self.numbers and float(np.max(np.sum(self.H**2, axis=0), initial=0.0)) < _DIGITS
+        return self.total > _EXACT * self.numbers and float(np.max(np.diag(self.A), initial=0.0)) < _DIGITS
 
     @cached_property
-    def log_evidence(self) -> float:
-        """Of the data, less what their whitening adds and a constant."""
-        volume = float(np.linalg.slogdet(self._information)[1])
-        return -0.5 * (self.numbers * float(np.log(self.total)) + volume)
-
-    def predicted(self, folds: Sequence[Rows], rows: int) -> float:
-        """Log density of the numbers of some rows, each fold predicted by a fit of all others, the noise included that they tell.
-
-        What the poses of a fold have in common beyond the parameters' mean is left out.
-
-        Args:
-            folds: Rows of each fold.
-            rows: How many there are in all.
-        """
-        H, y = self.H.reshape(rows, -1, self.H.shape[1]), self.y.reshape(rows, -1)
-        A, b = self.H.T @ self.H, self.H.T @ self.y
-        density = 0.0
-        for held in folds:
-            own, left = H[held].reshape(-1, H.shape[2]), np.delete(np.arange(rows), held)
-            P = np.linalg.inv(A - own.T @ own + np.eye(len(b)))
-            x = P @ (b - own.T @ y[held].ravel())
-            rest = float(np.sum((y[left] - H[left] @ x) ** 2)) + float(x @ x)
-            scale = rest / max(self.numbers * len(left) / rows, 1.0)
-            seen = np.abs(H[held]).sum(axis=2) > 0
-            spread = H[held] @ P @ H[held].transpose(0, 2, 1) + np.eye(H.shape[1])
-            off = np.where(seen, y[held] - H[held] @ x, 0.0)
-            squares = float(np.sum(off * np.linalg.solve(spread, off[..., None])[..., 0]))
-            density -= 0.5 * (squares / scale + float(np.sum(np.linalg.slogdet(spread)[1])) + np.count_nonzero(seen) * float(np.log(scale)))
-        volume = 0.0 if self.roots is None else float(np.sum(np.linalg.slogdet(self.roots)[1]))
-        return density + volume
-
-    def beside(self, B: Matrix) -> Fitted:
-        """The same fit with whitened columns in it, in units of their prior sigmas."""
-        return replace(self, H=np.column_stack([self.H, self._spread(B)]))
+    def _information(self) -> Matrix:
+        return self.A + np.eye(len(self.at))
 
     @cached_property
     def P(self) -> Matrix:
@@ -136,43 +135,70 @@ class Fitted:
         return np.asarray(np.linalg.inv(self._information))
 
     @cached_property
-    def _information(self) -> Matrix:
-        return np.asarray(self.H.T @ self.H + np.eye(self.H.shape[1]))
+    def step(self) -> Vector:
+        """How far the parameters are from where the residual was taken, (p,)."""
+        return np.asarray(self.P @ (self.b - self.at))
 
-    @cached_property
+    @property
     def x(self) -> Vector:
         """The parameters, in units of their prior sigmas, (p,)."""
-        return np.asarray(self.P @ (self.H.T @ self.y))
-
-    @cached_property
-    def r(self) -> Vector:
-        """What is left, M y, (N,)."""
-        return np.asarray(self.y - self.H @ self.x)
+        return self.at + self.step
 
     @cached_property
     def total(self) -> float:
         """What there is to explain: y' M y, as what is left and how far the parameters had to go."""
-        return float(self.r @ self.r + self.x @ self.x)
+        return float(self.products[-1, -1] + self.at @ self.at - (self.b - self.at) @ self.step)
 
-    def asked(self, B: Matrix) -> Score:
-        """What the residual says of some whitened columns, (N, k)."""
-        B = self._spread(B)
-        through = self.H.T @ B
-        F = B.T @ B - through.T @ self.P @ through
-        return Score(B.T @ self.r, (F + F.T) / 2, self.total, self.numbers)
+    @cached_property
+    def log_evidence(self) -> float:
+        """Of the data, less what their whitening adds and a constant."""
+        volume = float(np.linalg.slogdet(self._information)[1])
+        return -0.5 * (self.numbers * float(np.log(self.total)) + volume)
 
-    def asked_in_pairs(self, column: Vector, one: Matrix, other: Matrix) -> Pairs:
-        """The same of many pairs of columns that are one column, (N,), times waves over the rows, (rows, pairs), each pair by itself."""
-        rows = len(one)
-        column, H = self._spread(column[:, None]).reshape(rows, -1), self.H.reshape(rows, -1, self.H.shape[1])
-        left, share = np.sum(column * self.r.reshape(rows, -1), axis=1), np.sum(column**2, axis=1)
-        through = np.matmul(column[:, None], H)[:, 0]
-        s = np.stack([left @ one, left @ other], axis=1)
-        ways = np.stack([through.T @ one, through.T @ other])
-        beside = np.stack([self.P @ way for way in ways])
-        across = share @ (one * other)
-        F = np.array([[share @ one**2, across], [across, share @ other**2]]) - np.einsum("apk,bpk->abk", ways, beside)
-        return Pairs(s, F.transpose(2, 0, 1), self.total, self.numbers)
+    def asked(self, columns: Rows) -> Score:
+        """What the residual says of some columns, (k,)."""
+        through = self.products[self.kept.own[:, None], columns] * self.kept.scale[:, None]
+        F = self.products[columns[:, None], columns] - through.T @ self.P @ through
+        return Score(self.products[columns, -1] - through.T @ self.step, (F + F.T) / 2, self.total, self.numbers)
+
+    def left(self, columns: Array3) -> Array3:
+        """What asks about columns that are not among these: L^-1 H with L L' = H'H + I and, behind it, what is left, r, (p + 1, m, n).
+
+        Args:
+            columns: All columns and the residual, (columns + 1, m, n).
+        """
+        rows = self.kept.rows(columns)
+        rows[-1] -= np.tensordot(self.step, rows[:-1], 1)
+        rows[:-1] = np.tensordot(np.linalg.inv(np.linalg.cholesky(self._information)), rows[:-1], 1)
+        return rows
+
+    def asked_of(self, left: Array3, B: Array3) -> Score:
+        """What the residual says of columns B, (k, m, n), that are not among these; `left` as above."""
+        flat, rows = B.reshape(len(B), -1), left.reshape(len(left), -1)
+        through = rows @ flat.T
+        return Score(through[-1], flat @ flat.T - through[:-1].T @ through[:-1], self.total, self.numbers)
+
+    def asked_in_waves(self, left: AnyPrecision, column: AnyPrecision, waves: ComplexMatrix) -> Pairs:
+        """The same of pairs of columns that are one column times sin k q and cos k q, for every k by itself.
+
+        Sums of squares of waves are those of waves that are twice as short, k and all cycles on from there as sums of a product.
+
+        Args:
+            left: As above; it may be in single precision, which is enough to tell which pair is the best.
+            column: The one column, (m, n), in the same precision.
+            waves: exp(i k q) for k = 1 ... K at every row, (n, K), in the same.
+        """
+        share, shortest = np.einsum("mn,mn->n", column, column), waves[:, -1]
+        rows = np.concatenate([np.einsum("pmn,mn->pn", left, column), [share, share * shortest.real, share * shortest.imag]])
+        sums = (rows @ waves.view(left.dtype)).view(waves.dtype)
+        known, s, (one, real, imaginary) = sums[:-4], sums[-4], sums[-3:]
+        twice = np.concatenate([one, real + 1j * imaginary])[1::2]
+        sines, cosines = known.imag, known.real
+        own, across, other = (np.einsum("pk,pk->k", *pair) for pair in ((sines, sines), (sines, cosines), (cosines, cosines)))
+        F = np.empty((len(s), 2, 2))
+        F[:, 0, 0], F[:, 1, 1] = 0.5 * (share.sum() - twice.real) - own, 0.5 * (share.sum() + twice.real) - other
+        F[:, 0, 1] = F[:, 1, 0] = 0.5 * twice.imag - across
+        return Pairs(np.stack([s.imag, s.real], axis=1), F, self.total, self.numbers)
 
 
 @dataclass(frozen=True)
@@ -243,23 +269,21 @@ class Pairs:
     numbers: float
 
     @cached_property
-    def best(self) -> int:
-        """Which of them has the greatest gain: that of two columns, written out."""
+    def gains(self) -> Vector:
+        """Log evidence of each, less what looking at several sizes costs, (k,): that of two columns, written out."""
         (one, other), grown = self.s.T[:, :, None], SIZES**2
         first, across, second = 1 + grown * self.F[:, :1, 0], grown * self.F[:, :1, 1], 1 + grown * self.F[:, 1:, 1]
         volume = first * second - across**2
         explained = grown * (second * one**2 - 2 * across * one * other + first * other**2) / volume
-        return int(np.argmax((fits_better_by(explained, self.total, self.numbers) - np.log(volume)).max(axis=1)))
-
-    def score(self, number: int) -> Score:
-        """One of them."""
-        return Score(self.s[number], self.F[number], self.total, self.numbers)
+        return np.asarray(0.5 * (fits_better_by(explained, self.total, self.numbers) - np.log(volume)).max(axis=1))
 
 
-def rows_times(roots: Array3, columns: Matrix) -> Matrix:
-    """Matrices (rows, m, m) times the numbers of each row, (rows m, k)."""
-    rows, m = roots.shape[:2]
-    return np.asarray((roots @ columns.reshape(rows, m, -1)).reshape(rows * m, -1))
+def log_evidences(products: Array3, at: Vector, numbers: float) -> Vector:
+    """Log evidence of fits, (fits,), whose columns are all that there are, from [H e]'[H e], (fits, p + 1, p + 1)."""
+    information, b = products[:, :-1, :-1] + np.eye(len(at)), products[:, :-1, -1] - at
+    steps = np.linalg.solve(information, b[..., None])[..., 0]
+    totals = products[:, -1, -1] + at @ at - np.sum(b * steps, axis=1)
+    return np.asarray(-0.5 * (numbers * np.log(totals) + np.linalg.slogdet(information)[1]))
 
 
 def gains_of(s: Matrix, F: Array3, total: float, numbers: float) -> Matrix:

@@ -1,7 +1,6 @@
 """Gravity's moments at the joints: what bends an arm under its own weight.
 
-Every joint carries the part of the robot behind it. The force and moment that this part's weight puts on the joint are those of
-Pinocchio's recursion for the generalised gravity, with the sign turned: `data.f` is what holds the part, gravity pulls the other way.
+Every joint carries the part of the robot behind it, whose weight puts a moment on the joint (`static_moments.py`).
 
 Inertias are the URDF's where they look real. Where links of the way have none, or all the same placeholder, every moving link gets a
 generic mass instead: a rod from its joint to the next one, and a drive at the joint. Only moments relative to a joint's own largest one
@@ -12,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ import pinocchio as pin
 
 from urdfcal.base.errors import UsageError, no_such
 from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.model.static_moments import StaticMoments
 from urdfcal.robot.configurations import WholeRobot
 from urdfcal.robot.robot import Robot
 from urdfcal.robot.urdf_tree import UrdfJoint
@@ -59,10 +60,9 @@ class WeighedRobot:
         for link, mass in gravity.payloads.items():
             self._hang(self.model, link, mass)
         self.model.gravity.linear = G * np.array(gravity.direction)
-        self.data = self.model.createData()
         self.joints = [self.model.getJointId(step.joint.name) for step in robot.chain.moving]
         self.whole = WholeRobot(robot, robot.chain.input_names)
-        self._kilograms: dict[str, tuple[Any, Any]] = {}
+        self._kilograms: dict[str, StaticMoments] = {}
 
     def _hang(self, model: Any, link: str, mass: float) -> None:
         if not model.existFrame(link, pin.BODY):
@@ -76,7 +76,7 @@ class WeighedRobot:
         Args:
             q: Positions of the measured joints, (n, inputs), [rad] or [m].
         """
-        return self._moments(self.model, self.data, q)
+        return self._static.at(q)
 
     def payload_moments(self, q: Matrix, link: str) -> Array3:
         """Moments per kilogram at the origin of a link, as `moments`, (n, moving, 3), [N m/kg]."""
@@ -85,26 +85,12 @@ class WeighedRobot:
             for index in range(model.njoints):
                 model.inertias[index] = pin.Inertia.Zero()
             self._hang(model, link, 1.0)
-            self._kilograms[link] = model, model.createData()
-        return self._moments(*self._kilograms[link], q)
+            self._kilograms[link] = StaticMoments(model, self.whole, self.joints)
+        return self._kilograms[link].at(q)
 
-    def _moments(self, model: Any, data: Any, q: Matrix) -> Array3:
-        moments, joints = np.empty((len(q), len(self.joints), 3)), np.array(self.joints)
-        pin.computeGeneralizedGravity(model, data, pin.neutral(model))
-        forces = _forces_in(data)
-        for own, configuration in zip(moments, self.whole.configurations(q), strict=True):
-            pin.computeGeneralizedGravity(model, data, configuration)
-            if forces is None:
-                own[:] = [data.f[joint].angular for joint in self.joints]
-            else:
-                forces[:, 3:].take(joints, axis=0, out=own, mode="clip")  # which, other than an index, makes no copy
-        return -moments
-
-
-def _forces_in(data: Any) -> Matrix | None:
-    """All of `data.f` without a copy, (joints, 6); None where this build of Pinocchio keeps them in another layout than one by one."""
-    view = np.lib.stride_tricks.as_strided(data.f[0].linear, (len(data.f), 6), (48, 8), writeable=False)
-    return view if np.array_equal(view, [force.vector for force in data.f]) else None
+    @cached_property
+    def _static(self) -> StaticMoments:
+        return StaticMoments(self.model, self.whole, self.joints)
 
 
 def parse_gravity(text: str) -> tuple[float, float, float]:

@@ -84,13 +84,14 @@ class ArmMotion:
             return np.asarray((jac2.reshape(-1, 6) @ stands[2]).reshape(jac2.shape))
         return np.asarray(jac2 @ inverse_actions(self.frames[frame]))
 
-    def derivatives(self, g: Array3, axes: bool = True, more: int = 0) -> tuple[Array3, Array3]:
+    def derivatives(self, g: Array3, axes: bool = True, more: int = 0, behind: Array4 | None = None) -> tuple[Array3, Array3]:
         """Derivatives by what lies behind each parameter (p + more, m, n), and behind each moving joint (moving, m, n), of numbers.
 
         Args:
             g: Derivatives of the numbers by a twist [v, w] in the base, (n, m, 6).
             axes: Whether those by the joints are wanted, too; else there are none of them.
             more: How many rows of zeros to leave behind those of the parameters.
+            behind: Gets those by turns of what lies behind each moving joint and its bends, about that element's axes, (moving, 3, m, n).
         """
         arm, posture, walk = self.placed.arm, self.posture, self.placed.placed.walk
         n, m, _ = g.shape
@@ -101,6 +102,8 @@ class ArmMotion:
         for number, (element, action) in enumerate(zip(arm.elements, self.placed.actions, strict=True)):
             here = action @ (here if arm.before[number] == number - 1 else kept[arm.before[number]])
             pairs = here.reshape(3, 2, m, n)
+            if behind is not None and number in arm.backward:
+                behind[element.joint] = pairs[:, 1]
             if element.slides:
                 slide = posture.q[number]
                 pairs[0, 1] += slide * pairs[1, 0]
@@ -111,11 +114,19 @@ class ArmMotion:
                 by_element[number] = pairs[2, 0 if element.slides else 1]
             if arm.last[element.joint + 1] == number:
                 self._meet(by_parameter, here, element.joint + 1)
+                if behind is not None and arm.signs[element.joint] > 0:
+                    behind[element.joint] = pairs[:, 1]
             if number in arm.forks:
                 kept[number] = here
         if self.yielding is not None:
             self._yield(by_parameter, by_element, self.yielding)
         return by_parameter, by_element[arm.own] if axes else by_element[:0]
+
+    def unit_turns(self, by_axis: Array3, behind: Array4) -> None:
+        """Derivatives by `softness.unit_terms`, (moving, 3, m, n), in place of those by turns behind the joints, `behind` above."""
+        for own, turned, way, sign in zip(by_axis, behind, self.placed.arm.ways_across, self.placed.arm.signs, strict=True):
+            turned[1:] = np.tensordot(way, turned, 1)
+            np.multiply(own, sign, out=turned[0])
 
     def _meet(self, by_parameter: Array3, here: Matrix, anchor: int) -> None:
         """The parameters whose screws are constant in the frame that was reached."""
@@ -176,10 +187,10 @@ class Shares:
         rows = np.flatnonzero((shares != 1.0).any(axis=1)) if shares.size else np.empty(0, dtype=np.intp)
         return Shares(rows, shares[rows, :, None] if shares.size else np.empty((0, 0, 1)))
 
-    def apply(self, derivatives: Array3) -> None:
-        """Multiply derivatives (k, m, n)."""
+    def apply(self, derivatives: Array3 | Array4) -> None:
+        """Multiply derivatives (k, m, n), or several kinds of them (k, kinds, m, n)."""
         if len(self.rows):
-            derivatives[self.rows] *= self.factors
+            derivatives[self.rows] *= self.factors if derivatives.ndim == 3 else self.factors[:, None]
 
 
 def arm_motion(errors: ErrorModel, q: Matrix, x: Vector, session: str = "") -> ArmMotion:

@@ -85,6 +85,18 @@ class ArmKinematics:
         return np.array([1.0 if step.forward else -1.0 for step in self.chain.moving])
 
     @cached_property
+    def backward(self) -> frozenset[int]:
+        """The first elements of moving joints that are walked from child to parent: what bends them comes before their motion."""
+        return frozenset(first for first, sign in zip(self.firsts, self.signs.tolist(), strict=True) if sign < 0)
+
+    @cached_property
+    def ways_across(self) -> Array3:
+        """The two axes across each moving joint, in the axes of the element behind which it bends, with its sign, (moving, 2, 3)."""
+        ends = [first if first in self.backward else last for first, last in zip(self.firsts, self.last[1:], strict=True)]
+        ways = [np.array(across(np.array(step.joint.axis))) for step in self.chain.moving]
+        return np.array([sign * way @ self.elements[end].axes for sign, way, end in zip(self.signs.tolist(), ways, ends, strict=True)])
+
+    @cached_property
     def turned(self) -> Array3:
         """The axes of the element that each body follows, as rotations that undo them, (moving + 1, 3, 3)."""
         return np.array([np.eye(3) if number < 0 else self.elements[number].axes.T for number in self.last])

@@ -116,7 +116,7 @@ class Softness:
             payload: Further mass on the carrier at each pose, (n,), [kg].
             approach: Direction of each measured joint's last move, (n, inputs): -1, 0 or 1.
         """
-        basis = np.zeros((len(q), len(self.terms)))
+        basis = np.zeros((len(self.terms), len(q))).T  # a term is written at once
         own = [number for number, term in enumerate(self.terms) if term.largest]
         if own:
             moments = self.weighed.moments(q)

@@ -111,12 +111,14 @@ class WholeRobot:
         turning: list[tuple[int, int]] = []
         gains: list[Vector] = []
         shifts: list[float] = []
+        self.joints: list[int] = []  # those that move, by index, in the order of the gains
         for joint in (joint for joint in robot.tree.joints.values() if joint.moves and model.existJointName(joint.name)):
             leader, factor, shift = leader_of(robot.tree, joint)
             if leader.name not in column:
                 continue
             index = model.getJointId(joint.name)
             (plain if model.nqs[index] == 1 else turning).append((len(gains), model.idx_qs[index]))
+            self.joints.append(index)
             gains.append(np.eye(len(joints))[column[leader.name]] * factor)
             shifts.append(shift)
         self.gain, self.shift = np.array(gains).reshape(-1, len(joints)).T, np.array(shifts)

@@ -12,11 +12,8 @@ from tests.support.disturbed import disturbed_arm
 from tests.support.paths import ROBOTS_DIR
 from urdfcal.calibration.asking.disturbances import courses_of, progress
 from urdfcal.calibration.asking.folds import clustered
-from urdfcal.calibration.asking.ground import Ground
-from urdfcal.calibration.asking.rig import rig_columns
+from urdfcal.calibration.asking.rig import RigColumns
 from urdfcal.calibration.problem import Problem
-from urdfcal.estimation.ekf import Belief, Estimate
-from urdfcal.estimation.noise import Noise
 from urdfcal.model.error_model import with_rig
 
 SENSORS = {"panda": "laser", "ur5": "distance:tool0", "tiago": "pose:arm_tool_link"}
@@ -30,8 +27,7 @@ def disturbed(request: pytest.FixtureRequest, rng: np.random.Generator) -> tuple
     robot = urdfcal.load_robot(ROBOTS_DIR / name / f"{name}.urdf.xacro")
     arm = disturbed_arm(robot, SENSORS[name], "none", 3, poses=8, unseen=1)
     data = replace(arm.fit, temperature=rng.uniform(20, 30, len(arm.fit)))
-    estimate = Estimate(Belief(arm.x, np.eye(len(arm.x))), "converged", [], Noise(1e-3, np.zeros(len(data.joints))))
-    terms = rig_columns(Ground(arm.robot, Problem(arm.errors, data), estimate))[1]
+    terms = RigColumns(Problem(arm.errors, data), arm.x).terms
     errors = with_rig(arm.errors, terms, courses_of(data))
     return Problem(errors, data), np.concatenate([arm.x, [rng.normal(0, term.sigma) for term in terms]])
 

@@ -226,8 +226,7 @@ class _Setup:
 
     def foretells(self, fitted: _Fitted) -> float:
         """Log density of clusters of poses that are left out in turn."""
-        ground = Ground(self.calibration.robot, fitted.model, fitted.estimate)
-        return ground.foretold(ground.fitted)
+        return Interview(Ground(self.calibration.robot, fitted.model, fitted.estimate)).foretold()
 
     def widened(self, whole: _Fitted, gravity: Gravity) -> Estimate:
         """The joint fit, whose covariance knows of what is not in it either."""

@@ -7,7 +7,7 @@ wanders without a direction is a sum of waves over that time, each of which is s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +17,13 @@ from urdfcal.base.geometry import MM, Array3, Matrix, Vector
 from urdfcal.model.rig_terms import Course, Rig, RigTerm
 from urdfcal.robot.rig import SIX
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.sensor import Look, Sensor, View
+from urdfcal.sensors.sensor import Disturbance, Look, Sensor, View
 
 WAVES = 6
 _FRAME_SIGMA = (1 * MM,) * 3 + (1e-3,) * 3  # [m] and [rad] that a measuring frame goes over a set
 _GROWTH = 1e-4  # share by which an arm grows over a set
+_NAMES, FRAME_SIGMAS, _UNITS = (*SIX, "length"), (*_FRAME_SIGMA, _GROWTH), ("m",) * 3 + ("rad",) * 3 + ("",)
+_WAYS = len(_NAMES)
 _PER_FRAME = {"screen": "screen", "frame": "reference", "places": "reference"}
 
 
@@ -65,29 +67,55 @@ def disturbances(sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector
         at: Progress of each course, (n,).
     """
     for own in sensor.disturbances(view):
-        for number, (name, sigma) in enumerate(zip(own.names, own.sigma, strict=True)):
-            yield Moved(RigTerm(f"{own.what}.{name}", own.unit, sigma), own.columns[:, :, number], own.slopes[:, number])
-    frame, twists = _PER_FRAME[sensor.seen_from], _of_frame(view, look)
-    for what, wave, along, share in _waves(at):
-        for number, (name, sigma) in enumerate(zip((*SIX, "length"), (*_FRAME_SIGMA, _GROWTH), strict=True)):
-            unit = "" if name == "length" else "m" if number < 3 else "rad"
-            yield Moved(RigTerm(f"{what}.{frame}_{name}{wave}", unit, sigma * share), twists[:, :, number] * along[:, None])
+        for number, term in enumerate(terms_of(own)):
+            yield Moved(term, own.columns[:, :, number], own.slopes[:, number])
+    twists, waves = of_frame(view, look), waves_of(at)
+    for number, term in enumerate(frame_terms(sensor, waves)):
+        yield Moved(term, twists[:, :, number % _WAYS] * waves[number // _WAYS].along[:, None])
 
 
-def _of_frame(view: View, look: Look) -> Array3:
+def terms_of(own: Disturbance) -> list[RigTerm]:
+    """The numbers of what an instrument may do."""
+    return [RigTerm(f"{own.what}.{name}", own.unit, sigma) for name, sigma in zip(own.names, own.sigma, strict=True)]
+
+
+def frame_terms(sensor: Sensor, waves: Sequence[Wave]) -> list[RigTerm]:
+    """The numbers of the frame that a sensor measures in: for every wave six twists, and how far the arm grows."""
+    frame, ways = _PER_FRAME[sensor.seen_from], [*zip(_NAMES, FRAME_SIGMAS, _UNITS, strict=True)]
+    return [RigTerm(f"{wave.what}.{frame}_{name}{wave.ending}", unit, sigma * wave.share) for wave in waves for name, sigma, unit in ways]
+
+
+def of_frame(view: View, look: Look) -> Array3:
     """What is read more where the measuring frame moves by each of six twists, or the arm grows, (n, k, 7)."""
     growth = look.jac2[:, :, :3] @ view.p[:, :, None]
     return np.concatenate([-look.jac2, growth], axis=2)
 
 
-def _waves(at: Mapping[str, Vector]) -> Iterator[tuple[str, str, Vector, float]]:
-    """What does it, an ending of the terms' names, how they go over the poses (n,), and how large they are beside a drift."""
-    if "temperature" in at:
-        yield "temperature", "", at["temperature"], 1.0
+@dataclass(frozen=True)
+class Wave:
+    """How something goes over the poses.
+
+    Attributes:
+        what: What does it.
+        ending: Of the terms' names.
+        along: By how much it is there, (n,).
+        share: How large it is beside a drift.
+    """
+
+    what: str
+    ending: str
+    along: Vector
+    share: float = 1.0
+
+
+def waves_of(at: Mapping[str, Vector]) -> list[Wave]:
+    """What goes on while some poses are measured, and how."""
+    found = [Wave("temperature", "", at["temperature"])] if "temperature" in at else []
     if "time" in at:
-        yield "drift", "", at["time"], 1.0
-        for wave in range(1, WAVES + 1):
-            yield "wander", f"_{wave}", np.cos(np.pi * wave * (at["time"] + 0.5)), 1.0 / wave
+        found.append(Wave("drift", "", at["time"]))
+        along = np.cos(np.pi * np.arange(1, WAVES + 1)[:, None] * (at["time"] + 0.5))
+        found += [Wave("wander", f"_{number}", own, 1.0 / number) for number, own in enumerate(along, start=1)]
+    return found
 
 
 def disturbed(rig: Rig, b: Vector, sensor: Sensor, view: View, look: Look, at: Mapping[str, Vector]) -> tuple[Look, Array3]:

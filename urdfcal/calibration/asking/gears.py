@@ -1,65 +1,67 @@
-"""Harmonics of gears: waves over a joint's angle, looked for at every whole number of cycles a turn."""
+"""Harmonics of gears: waves over a joint's angle, looked for at every whole number of cycles a turn.
+
+Which one is the best is found in single precision; what it gains is worked out in double.
+"""
 
 from __future__ import annotations
 
-from functools import cached_property
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from urdfcal.base.geometry import Mask, Matrix
-from urdfcal.calibration.asking.ground import Ground
+from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
 from urdfcal.calibration.asking.questions import Answer
-from urdfcal.estimation.score import Fitted
+from urdfcal.calibration.asking.strip import Strip
+from urdfcal.estimation.score import ComplexMatrix, Fitted, Pairs
 from urdfcal.model.softness import GEAR
 
-CYCLES = np.arange(3, 201)  # a turn of the joint; one and two are eccentricity
-_ROWS = 2000
+MOST = 200  # cycles a turn of the joint
+CYCLES = np.arange(1, MOST + 1)
+GEARS = CYCLES > 2  # one and two are eccentricity
 
 
-class Gears:
-    """The gears of all turning joints that were read."""
+def gears(joints: Sequence[str], angles: Matrix, fitted: Fitted, some: Strip, asked: Sequence[Mask]) -> Iterator[Answer]:
+    """The best harmonic of any joint's gear of each of some CYCLES.
 
-    def __init__(self, ground: Ground) -> None:
-        self.ground = ground
-
-    @cached_property
-    def _stride(self) -> int:
-        """Of the rows that waves are looked for in: as many as there are would take all memory, and tell no more of which it is."""
-        return -(-self.ground.rows // _ROWS)
-
-    @cached_property
-    def _waves(self) -> list[tuple[Matrix, Matrix]]:
-        """Sin and cos of each joint's angle times CYCLES, (rows, cycles): powers of exp(i q)."""
-        found = []
-        for _, q in self.ground.turning:
-            wanted = _powers(np.exp(1j * q[:: self._stride]), int(CYCLES[-1]))[CYCLES[0] - 1 :]
-            found.append((np.ascontiguousarray(wanted.imag).T, np.ascontiguousarray(wanted.real).T))
-        return found
-
-    def answer(self, fitted: Fitted, cycles: Mask) -> Answer | None:
-        """The best harmonic of any joint's gear, of some CYCLES."""
-        rows, best, count = self.ground.rows, None, np.count_nonzero(cycles)
-        columns = self.ground.own_turns * GEAR
-        fitted = fitted.thinned(rows, self._stride) if self._stride > 1 else fitted
-        for (joint, q), column, waves in zip(self.ground.turning, columns.T, self._waves if count else (), strict=bool(count)):
-            one, other = waves if cycles.all() else (own[:, cycles] for own in waves)
-            pairs = fitted.asked_in_pairs(column.reshape(rows, -1)[:: self._stride].ravel(), one, other)
-            score, gain = pairs.score(pairs.best), -float(np.log(count * columns.shape[1]))
-            if best is None or gain + score.gain > best.gain:
-                turns = int(CYCLES[cycles][pairs.best])
-                wave = np.stack([np.sin(turns * q), np.cos(turns * q)], axis=1) * score.size
-                B = (column.reshape(rows, -1, 1) * wave[:, None]).reshape(-1, 2)
-                best = Answer("harmonics", joint, gain + score.gain, B, cycles=turns, share=score.explained)
-        return best
+    Args:
+        joints: Names of the turning joints that were read.
+        angles: Their positions in some rows, (joints, n).
+        fitted: A fit of these rows.
+        some: The rows.
+        asked: Each of CYCLES that are asked about, (cycles,); where there are none there is no answer.
+    """
+    wanted = [cycles for cycles in asked if cycles.any()] if len(joints) else []
+    if not wanted:
+        return
+    left = fitted.left(some.columns)
+    gains = _gains(fitted, left, GEAR * some.turns, angles)
+    for cycles in wanted:
+        joint, found = np.unravel_index(np.argmax(np.where(cycles, gains, -np.inf)), gains.shape)
+        gear = int(joint), int(CYCLES[found])
+        score = fitted.asked_of(left, columns_of(gear[1], angles[joint], some.turns[joint]))
+        gain = score.gain - float(np.log(np.count_nonzero(cycles) * len(joints)))
+        yield Answer("harmonics", joints[gear[0]], gain, gear=gear, size=score.size, share=score.explained)
 
 
-def _powers(z: npt.NDArray[np.complex128], count: int) -> npt.NDArray[np.complex128]:
-    """z, z^2, z^3 ... of numbers (n,), (count, n): as many again from those that there are, times the last of them."""
-    powers, known = np.empty((count, len(z)), dtype=complex), 1
-    powers[0] = z
-    while known < count:
-        more = min(known, count - known)
-        np.multiply(powers[:more], powers[known - 1], out=powers[known : known + more])
+def columns_of(cycles: int, q: Vector, turn: Matrix) -> Array3:
+    """Both waves of a gear, in units of their usual size, (2, m, n), of a joint at q, (n,), by which numbers go by `turn`, (m, n)."""
+    return np.asarray(turn * (GEAR * np.stack([np.sin(cycles * q), np.cos(cycles * q)]))[:, None])
+
+
+def _gains(fitted: Fitted, left: Array3, turns: Array3, angles: Matrix) -> Matrix:
+    """What each of CYCLES of each joint gains, (joints, cycles), in single precision."""
+    waves = np.empty((angles.shape[1], MOST), dtype=np.complex64)
+    single, columns = left.astype(np.float32), turns.astype(np.float32)
+    pairs = [fitted.asked_in_waves(single, column, _fill(waves, q)) for column, q in zip(columns, angles, strict=True)]
+    every = Pairs(np.concatenate([own.s for own in pairs]), np.concatenate([own.F for own in pairs]), fitted.total, fitted.numbers)
+    return every.gains.reshape(len(turns), MOST)
+
+
+def _fill(waves: ComplexMatrix, q: Vector) -> ComplexMatrix:
+    """exp(i k q) for all CYCLES into (n, cycles): as many again from those that there are, times the last of them."""
+    waves[:, 0], known = np.exp(1j * q), 1
+    while known < MOST:
+        more = min(known, MOST - known)
+        np.multiply(waves[:, :more], waves[:, known - 1 : known], out=waves[:, known : known + more])
         known += more
-    return powers
+    return waves

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Matrix, Vector
+from urdfcal.base.geometry import Vector
 from urdfcal.calibration.asking.folds import clustered
 from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.richer import DOWN
-from urdfcal.estimation.ekf import Belief, Estimate
+from urdfcal.estimation.ekf import Estimate
 from urdfcal.estimation.noise import Weights
 from urdfcal.estimation.residual import Linearisation
 from urdfcal.estimation.score import Fitted
-from urdfcal.model.error_model import with_softness
 from urdfcal.model.gravity import Gravity, WeighedRobot
 from urdfcal.model.softness import Term, unit_terms
 from urdfcal.robot.robot import Robot
@@ -43,52 +42,52 @@ class Ground:
 
     @cached_property
     def linearisation(self) -> Linearisation:
-        """At the estimate; its Jacobian comes with what is read more where joints turn."""
-        here = self.model.linearise(self.estimate.belief.x)
-        if here.known:
-            return here
-        return replace(here, jacobian=lambda: self._with_turns[0])
+        """At the estimate."""
+        return self.model.linearise(self.estimate.belief.x)
 
-    @property
-    def numbers(self) -> int:
-        """How many numbers the poses have, without what is known beforehand."""
-        return len(self.model.data) * int(self.linearisation.residual.shape[1])
-
-    @property
+    @cached_property
     def rows(self) -> int:
         """How many poses there are, and below them rows of what is known beforehand; several readings of one pose are one row."""
         poses = self.linearisation.poses
         return len(self.linearisation.residual) if poses is None else int(poses.max()) + 1
 
     @cached_property
-    def _weights(self) -> Weights:
+    def weights(self) -> Weights:
+        """What whitens the linearisation."""
         return self.estimate.noise.weights(self.linearisation)
+
+    @cached_property
+    def at(self) -> Vector:
+        """The estimate less what the prior expects, in units of the prior sigmas, (p,)."""
+        errors = self.model.errors
+        return np.asarray((self.estimate.belief.x - errors.mean) / errors.sigma)
 
     @cached_property
     def fitted(self) -> Fitted:
         """The fit before any question."""
-        errors = self.model.errors
-        prior = Belief.independent(errors.mean, errors.sigma)
-        return Fitted.of(self.linearisation, self.estimate.noise, self.estimate.belief.x, prior)
+        normal, sigma = self.estimate.noise.normal(self.linearisation), self.model.errors.sigma
+        b = normal.b * sigma
+        products = np.block([[normal.A * np.outer(sigma, sigma), b[:, None]], [b, normal.c]])
+        return Fitted.of(products, self.at, self.linearisation.count)
 
-    def foretold(self, fitted: Fitted) -> float:
-        """Log density of clusters of poses that are left out in turn, less what the noise's whitening adds."""
-        data = self.model.data
+    @cached_property
+    def clusters(self) -> tuple[npt.NDArray[np.intp], int]:
+        """Of every row, the cluster of poses that it is of, -1 for none, (rows,), and how many clusters there are."""
+        data, cluster_of = self.model.data, np.full(self.rows, -1)
         first = first_rows(data.pose_of)
-        lost = self.estimate.noise.log_determinant(self.linearisation) / 2
-        return fitted.predicted(clustered(data.q[first], data.configuration_of[first]), self.rows) - lost
+        clusters = clustered(data.q[first], data.configuration_of[first])
+        for number, own in enumerate(clusters):
+            cluster_of[own] = number
+        return cluster_of, len(clusters)
 
-    def whitened(self, columns: Array3) -> Matrix:
-        """Columns (readings, m, k) in units of the noise, (N, k) of the rows' numbers; what is known beforehand has none."""
-        m, k = columns.shape[1:]
-        padded = np.zeros((*self.linearisation.residual.shape, k))
-        padded[: len(columns)] = columns
-        padded *= np.asarray(self.linearisation.measured)[..., None]
-        return self._weights.of_poses(padded).reshape(self.rows * m, k)
+    @property
+    def lost(self) -> float:
+        """What the noise's whitening adds to the log density of what was measured."""
+        return self.estimate.noise.log_determinant(self.linearisation) / 2
 
     def laid_out(self, whitened: Vector) -> Vector:
         """Numbers of rows, (N,), over all readings of theirs, as whitened residuals have them: with the same sum of squares."""
-        means = self._weights.means
+        means = self.weights.means
         return whitened if means is None else means.spread(whitened.reshape(self.rows, -1, 1)).ravel()
 
     @cached_property
@@ -97,43 +96,20 @@ class Ground:
         usual = map(Gravity, DOWN if self.anywhere else DOWN[:1])
         return tuple(WeighedRobot(self.robot, pull) for pull in ([self.gravity] if self.gravity is not None else usual))
 
-    @property
-    def turns(self) -> tuple[Array3, tuple[Term, ...]]:
-        """What is read more where a joint turns, or slides, by one, (n, m, terms), and about what."""
-        return self._with_turns[1], unit_terms(self.robot.chain)
+    @cached_property
+    def turns(self) -> tuple[Term, ...]:
+        """Every joint turned, or slid, by one, about each axis."""
+        return unit_terms(self.robot.chain)
 
     @cached_property
-    def _with_turns(self) -> tuple[Array3, Array3]:
-        """Derivatives by the parameters, (n, m, p), and by turns that the fit does not have, (n, m, terms): of one sweep."""
-        terms, soft = unit_terms(self.robot.chain), self.model.errors.soft
-        weighed, before = (soft.weighed, soft.terms) if soft is not None else (self.pulls[0], ())
-        errors = with_softness(self.model.errors, (*before, *terms), weighed, self.robot.rig.tip)
-        x = dict(zip(self.model.errors.names, self.estimate.belief.x.tolist(), strict=True))
-        whole = Problem(errors, self.model.data).jacobian(np.array([x.get(name, 0.0) for name in errors.names]))
-        if errors.names[: len(x)] == self.model.errors.names and not before:
-            return whole[:, :, : len(x)], whole[:, :, len(x) :]
-        own, turned = ([errors.column[name] for name in names] for names in (x, [term.name for term in terms]))
-        return whole[:, :, own], whole[:, :, turned]
-
-    @cached_property
-    def own_turns(self) -> Matrix:
-        """The same, whitened, of every turning joint that was read about its own axis, (N, joints)."""
-        return self.whitened(self.turns[0][:, :, [number for number, _, _ in self._turning()]])
-
-    @cached_property
-    def turning(self) -> list[tuple[str, Vector]]:
-        """Names and positions (rows,) of those joints; rows of what is known beforehand have zeros."""
-        found = []
-        for _, name, index in self._turning():
-            q = np.zeros(self.rows)
-            q[self.model.data.pose_of] = self.model.data.q[:, index]
-            found.append((name, q))
-        return found
-
-    def _turning(self) -> Iterator[tuple[int, str, int]]:
-        """Number of the turn, name, and number among the measured joints."""
+    def joints(self) -> dict[str, tuple[int, Vector]]:
+        """Turning joints that were read: number of the turn about the own axis, and positions (rows,), 0 of what is known beforehand."""
         inputs = {joint.name: index for index, joint in enumerate(self.robot.chain.inputs)}
-        for number, term in enumerate(self.turns[1]):
+        found = {}
+        for number, term in enumerate(self.turns):
             joint = self.robot.chain.moving[term.joint].joint
             if term.axis is None and joint.name in inputs and not joint.prismatic:
-                yield number, joint.name, inputs[joint.name]
+                q = np.zeros(self.rows)
+                q[self.model.data.pose_of] = self.model.data.q[:, inputs[joint.name]]
+                found[joint.name] = number, q
+        return found

@@ -24,12 +24,12 @@ class Lacking:
     """What stands out and is not in a fit.
 
     Attributes:
-        does: What it does to all that was measured, B b, whitened, (N,).
+        reaches: Of all that it does, H' B b, whitened, by the fit's parameters, (p,).
         left: Mean square that it leaves in the residuals over that of what the covariance predicts.
         length: Root mean square of what it leaves in readings of lengths, [m]; infinite where there are none.
     """
 
-    does: Vector
+    reaches: Vector
     left: float
     length: float
 
@@ -45,16 +45,6 @@ class Lacking:
             linearisation: Of what was fitted, at the estimate.
             plain: Covariance of the data and the priors alone, (p, p).
         """
-        H = found.noise.weights(linearisation).jacobian(linearisation)
-        return replace(found, belief=Belief(found.belief.x, self.widened(found.belief.P, plain, H)))
-
-    def widened(self, P: Matrix, plain: Matrix, H: Matrix) -> Matrix:
-        """The fit's covariance that knows of it, (p, p).
-
-        Args:
-            P: The covariance that does not.
-            plain: That of the data and the priors alone, from which P may differ by what is unsure of the priors' scales.
-            H: Whitened Jacobian, (N or more, p).
-        """
-        seen, moved = plain @ H.T, plain @ (H[: len(self.does)].T @ self.does)
-        return np.asarray(P + self.left * (seen @ seen.T) + np.outer(moved, moved))
+        seen, moved = plain @ found.noise.normal(linearisation).A @ plain, plain @ self.reaches
+        P = found.belief.P + self.left * (seen + seen.T) / 2 + np.outer(moved, moved)
+        return replace(found, belief=Belief(found.belief.x, P))

@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from urdfcal.base.geometry import Array3, Matrix
 from urdfcal.calibration.asking.stands_out import StandsOut
-from urdfcal.estimation.score import Fitted
 from urdfcal.model.rig_terms import RigTerm
 
 NAMED = 3.0  # [nats] from which an answer is told
@@ -43,11 +41,12 @@ class Answer:
     Attributes:
         what, where: As of the question.
         gain: Log evidence, [nats].
-        columns: Whitened, in units of the size that the data give them, (N, k).
+        columns: Which they are; none of a gear, whose columns are not among those of all questions, and of a noise.
+        size: How many times the usual one they are expected to be, by the data.
         rig: Terms of the rig that it is; none where the arm does it.
-        cycles: A turn of the joint, of a gear's harmonic.
+        gear: Of a gear, which of the turning joints has it, and its cycles a turn; None of others.
         share: Of what the fit leaves unexplained, which it explains.
-        noise: Of a noise, roots of the inverse covariance of each row's numbers beside their own, (rows, m, m).
+        noise: Of a noise of the joints' readings, its standard deviation beside noise of sensors as it was, [rad].
         joint_sigma: Noise of the joints' readings that it is, [rad].
         left: Share of their own noise that it leaves to sensors.
     """
@@ -55,11 +54,12 @@ class Answer:
     what: str
     where: str
     gain: float
-    columns: Matrix = field(repr=False)
+    columns: Rows = field(default_factory=lambda: np.empty(0, dtype=np.intp), repr=False)
+    size: float = 1.0
     rig: tuple[RigTerm, ...] = ()
-    cycles: int = 0
+    gear: tuple[int, int] | None = None
     share: float = 0.0
-    noise: Array3 | None = field(default=None, repr=False)
+    noise: float = 0.0
     joint_sigma: float = 0.0
     left: float = 1.0
 
@@ -84,9 +84,10 @@ class Answer:
         """Whether it has nothing to do with where the arm is."""
         return self.what in ("joint_noise", "drift", "temperature")
 
-    def within(self, fitted: Fitted) -> Fitted:
-        """A fit with this in it."""
-        return fitted.beside(self.columns) if self.noise is None else fitted.spread(self.noise)
+    @property
+    def cycles(self) -> int:
+        """A turn of the joint, of a gear's harmonic; 0 of others."""
+        return self.gear[1] if self.gear is not None else 0
 
     @property
     def told(self) -> StandsOut:
