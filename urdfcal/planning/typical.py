@@ -50,11 +50,12 @@ def typical(made: Measuring, candidates: Candidates, n: int, noise: ReadWith, M:
         rows = some[greedy(H, by, min(n, _POSES, len(some)))[0]]
         return np.array([by.left(information(whitened(own, candidates.q[rows], noise, candidates.read[rows]))) for own in draws])
 
-    for draw in np.argsort(left(0))[_DRAWS // 2 :: _STEP]:
-        after = left(draw)
+    middle = made
+    for draw in np.argsort(left(0))[_DRAWS // 2 :: _STEP].tolist():
+        middle, after = draws[draw], left(draw)
         if after[draw] >= np.median(after):
             break
-    return draws[draw]
+    return middle
 
 
 def _is_drawn(slot: Slot, made: Measuring) -> bool:
