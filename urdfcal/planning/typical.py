@@ -28,8 +28,8 @@ _POSES = 30  # how many, at most
 def typical(made: Measuring, candidates: Candidates, n: int, noise: ReadWith, M: Matrix, rng: np.random.Generator) -> Measuring:
     """What measures with all that is drawn at random where it is typical; the same where nothing is.
 
-    Poses that are chosen for a draw tell more of it than of others. So it is the first draw, from the middle on, that promises no more
-    than the middle of all of them do after the poses that are chosen for it.
+    Poses that are chosen for a draw tell more of it than of others. So draws are tried from the middle on until one promises no more than
+    the middle of all do after the poses that are chosen for it, and it is the one of those tried that comes nearest to that.
 
     Args:
         made: What measures, with one draw of it.
@@ -50,12 +50,13 @@ def typical(made: Measuring, candidates: Candidates, n: int, noise: ReadWith, M:
         rows = some[greedy(H, by, min(n, _POSES, len(some)))[0]]
         return np.array([by.left(information(whitened(own, candidates.q[rows], noise, candidates.read[rows]))) for own in draws])
 
-    middle = made
+    tried: dict[int, float] = {}
     for draw in np.argsort(left(0))[_DRAWS // 2 :: _STEP].tolist():
-        middle, after = draws[draw], left(draw)
-        if after[draw] >= np.median(after):
+        after = left(draw)
+        tried[draw] = float(np.log(after[draw] / np.median(after)))
+        if tried[draw] >= 0:
             break
-    return middle
+    return draws[min(tried, key=lambda draw: abs(tried[draw]))]
 
 
 def _is_drawn(slot: Slot, made: Measuring) -> bool:
