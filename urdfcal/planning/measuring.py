@@ -2,7 +2,7 @@
 
 A laser's screen is where the URDF has it. An instrument whose link is named stands on that link, a board is its link. A camera of which
 neither is known is taken to stand where it sees most; where any other instrument will stand is drawn at random, and so is where targets
-sit on their links, since that matters little to which poses tell much.
+sit on their links, since that matters little to which poses tell much; how much they tell is for `typical.py`.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from urdfcal.planning.criteria import NAMES, Design, Rows
 from urdfcal.planning.measuring import Asked, Measuring, ReadWith, measuring, whitened
 from urdfcal.planning.selection import exchanged, fewest, greedy, information
 from urdfcal.planning.sight import Eyes, Hidden
+from urdfcal.planning.typical import typical
 from urdfcal.robot.configurations import joint_limits, measured_positions, require_room
 from urdfcal.robot.rig import Grid
 from urdfcal.robot.robot import Robot, require_robot
@@ -144,7 +145,8 @@ def plan_poses(
     are poses that the sensors see: every beam on the screen and under 70 deg, boards in the picture, targets turned to their instrument.
 
     What is in the way is for `allowed` and `hidden` to know, or for whoever gives the `candidates`. Where an instrument will be of which
-    nothing is said, and where targets will sit on their links, is drawn at random; it matters little to which poses are good ones.
+    nothing is said, and where targets will sit on their links, is drawn at random: of many draws the one in the middle of what they promise
+    of the tool (`typical`). It matters little to which poses are good ones; how much they tell is less for targets near the last axis.
 
     Args:
         robot: Nominal robot.
@@ -202,6 +204,7 @@ def plan_poses(
     over = _uniform(_room(made.robot, limits, False), rng) if workspace is None else workspace
     J = tool_jacobian(made.robot, made.errors, made.errors.mean, tool, over)[:, :3]
     M = information(J) / len(J)
+    made = typical(made, found, n, noise, M, rng)
     known = np.zeros_like(M) if have is None else _told_by(made, have, eyes, noise)
     sigma = changing(made.errors) if check else made.errors.sigma
     design = Design(whitened(made, found.q, noise, found.read), sigma, M, known)
