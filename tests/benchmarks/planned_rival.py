@@ -6,13 +6,13 @@
 Pool, truths, noise, fit and errors are those of `planned.py`, points only (figaroh has no lasers): all choose from the same 1500 poses, and
 whatever is chosen is read and fitted alike. figaroh runs in an environment of its own and chooses by its own regressor: six numbers a joint
 (`full_params`), positions measured, as its example for a UR10 has it. *At the link*: its tool frame is the link that carries the target.
-*At the target*: it is told where on that link `plan_poses` takes the target to be, as a frame in the URDF.
+*At the target*: it is told a place on that link where targets of these robots may sit, as a frame in the URDF.
 
 Its selections: *socp*, the D-optimal weights of its `BaseOptimalCalibration`, which takes no number and keeps all poses above 1e-5 (*weigh*
 says how many); here the n heaviest. *detmax*, its exchange, n of them from one random start; it may take a pose twice, which is then
-measured twice (*different*). *By D* is `plan_poses` with figaroh's criterion. *Over planned*: the geometric mean, with its standard error,
-of errors up to a constant over those of the same robots measured at the poses of `plan_poses`. Seconds are wall and CPU from the robot and
-the pool in memory to the poses, Jacobians or regressors included, pictures left out.
+measured twice (*different*). *By D* is `plan_poses` with figaroh's criterion. *Own* is what the fits themselves predict. *Over planned*: the
+geometric mean, with its standard error, of errors up to a constant over those of the same robots measured at the poses of `plan_poses`.
+Seconds are wall and CPU from the robot and the pool in memory to the poses, Jacobians or regressors included, pictures left out.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ import numpy as np
 ROOT = Path(__file__).parents[2]
 MODULE = "figaroh.optimal.base_optimal_calibration"
 CHOSEN = (20, 30)
-ERRORS = "predicted | Gaussian | up to a constant | factory | up to a constant | over planned"
+ERRORS = "own | Gaussian | up to a constant | factory | up to a constant | over planned"
 COLUMNS = f"robot | poses | {ERRORS} | different | weigh | wall s | CPU s"
 
 
@@ -94,70 +94,46 @@ def alone() -> dict[str, str]:
 
 def study(name: str, arguments: argparse.Namespace) -> None:
     """Print the rows of one robot."""
-    import urdfcal
-    from tests.benchmarks import planned
     from tests.benchmarks.evidence import factory_truths
+    from tests.benchmarks.planned_scenes import scene_of
     from urdfcal.planning.plan import plan_poses
-    from urdfcal.robot.configurations import random_positions
 
-    robot, sensor = urdfcal.load_robot(ROOT / "robots" / name / f"{name}.urdf.xacro"), planned.ARMS[name]
+    scene = scene_of(name, "point")
     arms = factory_truths(arguments.data) if (arguments.data / "ur_factory").is_dir() else []
-    pool = pool_of(robot, sensor)
-    ours = partial(plan_poses, robot, sensors=[sensor], sigmas={"point": planned.NOISE["point"]})
-    choices = {f"{what} {n}": timed(partial(ours, criterion=by, candidates=pool, n=n)) for what, by in OURS.items() for n in CHOSEN}
-    data = planned.read(planned.true_setup(robot, sensor, "Gaussian", 0, arms), pool, 0)
-    choices |= chosen_by_figaroh(arguments, with_target(robot, sensor), sensor, data)
+    ours = partial(plan_poses, scene.robot, candidates=scene.pool, sensors=scene.asked.sensors, sigmas=scene.sigmas)
+    choices = {f"{what} {n}": timed(partial(ours, criterion=by, n=n)) for what, by in OURS.items() for n in CHOSEN}
+    choices |= chosen_by_figaroh(arguments, scene, scene.read(scene.truth("Gaussian", 0, arms), scene.pool, 0))
     choices |= {f"random {n}": Choice() for n in CHOSEN}
-    plan = ours(candidates=pool, n=max(CHOSEN))
-    trial = Trial(robot, sensor, arms, arguments.robots, plan.tool, random_positions(plan.robot, 100, np.random.default_rng(7)))
+    trial = Trial(scene, arms, arguments.robots, ours(n=2).tool)
     measured: dict[str, list[np.ndarray]] = {}
     for what, choice in choices.items():
         n = int(what.split()[-1])
-        q = trial.sets(pool, n, choice.rows)
-        predicted = plan.random_mm[n] if choice.rows is None else ours(candidates=q[0], n=n).tool_sigma_mm[-1]
-        measured[what] = trial.off_mm(q)
-        cells = [f"{predicted:.3f}", *(f"{np.median(own):.3f}" for own in measured[what]), *["–"] * (0 if arms else 2)]
+        own, *measured[what] = trial.off_mm(n, choice.rows)
+        cells = [f"{np.median(each):.3f}" for each in (own, *measured[what])] + ["–"] * (0 if arms else 2)
         times = ratio(measured[what][1::2], measured[f"planned {n}"][1::2])
         print("| " + " | ".join([name, what, *cells, times, *choice.cells]) + " |", flush=True)
 
 
-def pool_of(robot: Any, sensor: str) -> np.ndarray:
-    """The poses without collisions that `planned.py` chooses from, (1500, joints)."""
-    from tests.benchmarks import planned
-    from urdfcal.planning.plan import plan_poses
-
-    found: list[Any] = []
-    plan_poses(robot, candidates=planned.POOL, n=2, sensors=[sensor], allowed=partial(planned._kept, found, []))
-    return np.concatenate(found)[: planned.POOL]
-
-
 @dataclass(frozen=True)
 class Trial:
-    """Robots with errors, the same for all that is compared, and where their tool is looked at."""
+    """Robots with errors, the same for all that is compared, and what of them is to be right."""
 
-    robot: Any
-    sensor: str
+    scene: Any
     arms: list[np.ndarray]
     robots: int
     tool: str
-    workspace: np.ndarray
 
-    def sets(self, pool: np.ndarray, n: int, rows: list[int] | None) -> list[np.ndarray]:
-        """What each robot is measured at; some of its own where nothing was chosen."""
-        at_random = (np.random.default_rng([seed, n]).choice(len(pool), n, replace=False) for seed in range(self.robots))
-        return [pool[own if rows is None else rows] for own in at_random]
-
-    def off_mm(self, q: list[np.ndarray]) -> list[np.ndarray]:
-        """RMS errors of each robot's tool in the base and up to a constant, for each kind of truth, (robots,) each, [mm]."""
+    def off_mm(self, n: int, rows: list[int] | None) -> list[np.ndarray]:
+        """Each robot's tool: what its fit says itself, and errors in the base and up to a constant for each kind of truth, [mm]."""
         from tests.benchmarks import planned
 
         found = []
         for kind in ("Gaussian", *(["factory"] if self.arms else [])):
-            truths = [planned.true_setup(self.robot, self.sensor, kind, seed, self.arms) for seed in range(self.robots)]
-            off = [planned.off(truth, q[seed], self.tool, self.workspace, seed) for seed, truth in enumerate(truths)]
-            squares = np.array([(each.in_base.mean(), each.up_to_constant.mean()) for each in off])
-            found += list(np.sqrt(squares.T) * 1e3)
-        return found
+            sets = [planned.at_random(self.scene, seed, n) if rows is None else self.scene.pool[rows] for seed in range(self.robots)]
+            truths = [self.scene.truth(kind, seed, self.arms) for seed in range(self.robots)]
+            off = [planned.off(self.scene, truth, sets[seed], self.tool, seed) for seed, truth in enumerate(truths)]
+            found += list(np.sqrt(np.transpose(off)))
+        return [found[planned.OWN], *(each for index, each in enumerate(found) if index % 3 != planned.OWN)]
 
 
 def ratio(errors: list[np.ndarray], reference: list[np.ndarray]) -> str:
@@ -177,12 +153,12 @@ def timed(plan: Callable[[], Any]) -> Choice:
     return Choice(rows, time.perf_counter() - wall, time.process_time() - cpu)
 
 
-def chosen_by_figaroh(arguments: argparse.Namespace, urdf: bytes, sensor: str, data: Any) -> dict[str, Choice]:
+def chosen_by_figaroh(arguments: argparse.Namespace, scene: Any, data: Any) -> dict[str, Choice]:
     """What figaroh chooses of the positions of some measurements, by what it is called in the table."""
-    link, found = sensor.partition(":")[2], {}
+    link, found = target_of(scene)[0], {}
     for where, frame in (("at the link", link), ("at the target", "calibration_target")):
         with tempfile.TemporaryDirectory() as folder:
-            (Path(folder) / "robot.urdf").write_bytes(urdf)
+            (Path(folder) / "robot.urdf").write_bytes(with_target(scene))
             write_job(Path(folder), frame, data, arguments.select)
             words = [str(arguments.python), __file__, "--in-figaroh", folder]
             done = subprocess.run(words, env=alone(), capture_output=True, text=True, check=False)
@@ -205,20 +181,23 @@ def write_job(folder: Path, frame: str, data: Any, selections: list[str]) -> Non
         (folder / name).write_text(json.dumps(content), encoding="utf-8")  # JSON is YAML, too
 
 
-def with_target(robot: Any, sensor: str) -> bytes:
-    """The URDF with a frame where `plan_poses` takes the target to be."""
-    from urdfcal.base.geometry import xyz_rpy
-    from urdfcal.model.options import ModelOptions
-    from urdfcal.planning.measuring import Asked, measuring
+def target_of(scene: Any) -> tuple[str, Any]:
+    """The link that carries the target, and a place on it where targets of such robots may sit, as a placement."""
+    slot = next(slot for slot in scene.made.errors.slots if slot.kind == "target")
+    return scene.asked.sensors[0].partition(":")[2], next(iter(slot.found.values()))
 
-    made = measuring(robot, Asked((sensor,)), ModelOptions(), np.random.default_rng(0))
-    placement = next(place for slot in made.errors.slots if slot.kind == "target" for place in slot.found.values())
+
+def with_target(scene: Any) -> bytes:
+    """The URDF with a frame at such a place."""
+    from urdfcal.base.geometry import xyz_rpy
+
+    link, placement = target_of(scene)
     xyz, rpy = (" ".join(map(str, numbers)) for numbers in xyz_rpy(placement))
     added = (
         '<link name="calibration_target"/><joint name="calibration_target_joint" type="fixed">'
-        f'<parent link="{sensor.partition(":")[2]}"/><child link="calibration_target"/><origin xyz="{xyz}" rpy="{rpy}"/></joint></robot>'
+        f'<parent link="{link}"/><child link="calibration_target"/><origin xyz="{xyz}" rpy="{rpy}"/></joint></robot>'
     )
-    return robot.description.text.replace(b"</robot>", added.encode())
+    return bytes(scene.robot.description.text.replace(b"</robot>", added.encode()))
 
 
 def in_figaroh(folder: Path) -> None:
