@@ -10,8 +10,8 @@ whatever is chosen is read and fitted alike. figaroh runs in an environment of i
 
 Its selections: *socp*, the D-optimal weights of its `BaseOptimalCalibration`, which takes no number and keeps all poses above 1e-5 (*weigh*
 says how many); here the n heaviest. *detmax*, its exchange, n of them from one random start; it may take a pose twice, which is then
-measured twice (*different*). *By D* is `plan_poses` with figaroh's criterion. *Own* is what the fits themselves predict. *Over planned*: the
-geometric mean, with its standard error, of errors up to a constant over those of the same robots measured at the poses of `plan_poses`.
+measured twice (*different*). *By D* is `plan_poses` with figaroh's criterion. *Own* is what the fits themselves predict. *Over planned*:
+the geometric mean, with its standard error, of errors up to a constant over those of the same robots measured at the poses of `plan_poses`.
 Seconds are wall and CPU from the robot and the pool in memory to the poses, Jacobians or regressors included, pictures left out.
 """
 

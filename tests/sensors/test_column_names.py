@@ -236,11 +236,11 @@ def test_a_reading_in_part_is_told_so(robot: Robot, tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(text(HEAD).replace("1,0.25,0.5", "1,NaN,0.5"))
     data = read_measurements(tmp_path / "m.csv", robot)
     found = overview(read_named_table(tmp_path / "m.csv", robot), robot.seen_by(data.instruments, ()), data)
-    assert told(found.readings[0]) == "3 points, 1 in part"
+    assert told([found.readings[0]]) == "3 points, 1 in part"
     assert "1 of 3 points of tool lacks a coordinate, in line 3; what else was read there is used" in set(found.missing())
     data = read(robot, tmp_path, text("turn,lift,slide,tool.x,tool.y,tool.zz"))
     found = overview(read_named_table(tmp_path / "m.csv", robot), robot.seen_by(data.instruments, ()), data)
-    assert told(found.readings[0]) == "3 points"
+    assert told([found.readings[0]]) == "3 points"
     assert data.warnings[0].endswith("column 'tool.zz' means nothing here and is not used; did you mean 'tool.z'?")
 
 
