@@ -41,7 +41,12 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
     parser.add_argument("--method", nargs="+", default=list(METHODS[:1]), choices=METHODS)
     parser.add_argument("--set", nargs="+", default=list(TARGETS), choices=list(TARGETS))
+    parser.add_argument("--simulated", nargs="+", type=int, metavar="N", help="instead, times of so many simulated points on a Panda")
     arguments = parser.parse_args()
+    if arguments.simulated:
+        for poses in arguments.simulated:
+            simulated(arguments.python, poses)
+        return
     print("| set | split | trained | tested | tool | RMS mm | mean mm | 95 % mm | max mm | CPU s a fit |\n|" + "---|" * 10)
     for folder in arguments.set:
         for name, jobs in splits(folder, arguments.data).items():
@@ -52,6 +57,19 @@ def main() -> None:
                     "| " + " | ".join([folder, name, *sizes, tool if tool == "urdfcal" else f"figaroh {tool}", *cells(runs)]) + " |",
                     flush=True,
                 )
+
+
+def simulated(python: Path, poses: int) -> None:
+    """Print what the points of `engine.py` cost either; ours in the middle of seven fits."""
+    from tests.benchmarks.engine import measured
+
+    robot, data = measured("points", poses)
+    (off, ours), (other_off, other) = with_urdfcal(robot, data, data), with_figaroh(python, "panda_link8", "structural", robot, data, data)
+    ours = float(np.median([with_urdfcal(robot, data, data)[1] for _ in range(7)]))
+    rms = (np.sqrt(np.mean(mm**2)) for mm in (off, other_off))
+    print(
+        f"{poses} points: RMS left {' and '.join(f'{own:.3f}' for own in rms)} mm; {ours:.4f} and {other:.2f} s: {other / ours:.0f} times"
+    )
 
 
 def run(python: Path, target: str, tool: str, robot: Any, train: Any, test: Any) -> tuple[Any, float]:
