@@ -194,6 +194,8 @@ def test_the_file_is_what_fit_reads(run_cli: Run) -> None:
         ((*POINT, "--until", "0.1"), "--until 0.1: expected a length with its unit, such as 0.1mm"),
         ((*POINT, "--check", "--criterion", "D"), "--check has a criterion and a number of its own; leave out --criterion"),
         ((*POINT, "--range-m", "5,1"), "--range-m 5,1: expected the least distance, from 0, and behind it the larger one"),
+        (("--sensor", "laser", "--range-m", "1,5"), "acceptance and range are those of a tracker, and none reads here"),
+        ((*POINT, "--acceptance-deg", "30"), "a tracker whose place is known, and none reads here; name its link with --reference"),
         ((*POINT, "--check", "-n", "20"), "-n 20: a check has 6 to 10 poses"),
         ((*POINT, "--limits", "l.yaml"), "l.yaml:1: joint 'elbow_joint': 10 to 5 deg leaves no room"),
         (("--board", "tool0=9x6:25mm"), "name the camera's lens with --camera CAMERA.yaml"),

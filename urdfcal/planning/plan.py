@@ -181,7 +181,7 @@ def plan_poses(
 
     Raises:
         UsageError: fewer candidates than poses, sensors that touch (which poses reach what is touched is for whoever stands beside the
-            robot to say), no such criterion, or the limits leave no room.
+            robot to say), no such criterion, acceptance or range where no tracker reads whose place is known, or the limits leave no room.
         ShapeMismatch: the candidates do not fit the robot.
         RobotError: the tool is not a link that the calibrated joints move.
     """
@@ -194,6 +194,7 @@ def plan_poses(
     room = _room(made.robot, limits, both_sides)
     noise = ReadWith(spot_sigma, sigmas, joint_sigma)
     eyes = Eyes(made, replace(sight or Sight(), area=made.area))
+    eyes.require_heeded()
     lookout = Lookout(made.robot, eyes, _beside(allowed, made.robot) if both_sides and allowed is not None else allowed, hidden)
     found = drawn(lookout, room, candidates, rng) if isinstance(candidates, int) else given(lookout, candidates)
     n = (CHECK if check else 30) if n is None else n

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix
 from urdfcal.calibration.problem import Channel, Problem
 from urdfcal.model.jacobian import ArmMotion, arm_motion
@@ -73,6 +74,22 @@ class Eyes:
             return {HIDDEN: hidden(base, q, begin, end)}
 
         return self._seen(q, masks)
+
+    def require_heeded(self) -> None:
+        """Refuse what is said of a target's opening and of an instrument's range where nothing heeds it.
+
+        Raises:
+            UsageError: no sensor does, or nobody said where the instrument stands.
+        """
+        if not self.sight.of_trackers:
+            return
+        plain, q = replace(self, sight=self.sight.without_trackers()), np.zeros((1, len(self.made.robot.chain.inputs)))
+        if all(set(self._unseen(*own)) == set(plain._unseen(*own)) for own in self._views(q)):
+            raise UsageError(
+                "acceptance and range are those of a tracker whose place is known, and none reads here; name its link with --reference"
+                if self.made.unknown
+                else "acceptance and range are those of a tracker, and none reads here"
+            )
 
     def _unseen(self, channel: Channel, view: View) -> Mapping[str, Mask]:
         """Why one target is not seen by itself."""

@@ -8,7 +8,7 @@ Numbers of a place that several poses share (a socket's point, a plane, the end 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Literal, Protocol
 
@@ -180,6 +180,15 @@ class Sight:
     nearest: float = 0.0
     farthest: float = np.inf
     apart: float = 20 * MM
+
+    @property
+    def of_trackers(self) -> bool:
+        """Whether anything is said that only trackers and mocap systems heed."""
+        return self != self.without_trackers()
+
+    def without_trackers(self) -> Sight:
+        """The same without it."""
+        return replace(self, opening=None, nearest=0.0, farthest=np.inf)
 
 
 @dataclass(frozen=True)
