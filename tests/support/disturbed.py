@@ -10,7 +10,8 @@ import pinocchio as pin
 
 import urdfcal
 from urdfcal.base.geometry import DEG, MM, Matrix, Vector
-from urdfcal.calibration.problem import Channel, Problem
+from urdfcal.calibration.channel import Channel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.reach import draw_poses
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.robot.configurations import random_positions

@@ -13,7 +13,8 @@ from itertools import groupby
 import numpy as np
 
 from urdfcal.base.geometry import Array3, Mask, Matrix, Vector
-from urdfcal.calibration.problem import Channel, Problem
+from urdfcal.calibration.channel import Channel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.kinematics import PlacedArm
 from urdfcal.model.single_pose import Index, SinglePoses, brought_to_base, seen_from
 from urdfcal.sensors.sensor import Look, Sensor, View

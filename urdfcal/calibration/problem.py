@@ -9,8 +9,8 @@ two, in the measuring frame's axes at the measuring frame's origin:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
@@ -18,165 +18,19 @@ import numpy as np
 import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Array4, Mask, Matrix, Vector
-from urdfcal.calibration.asking.disturbances import disturbed, progress
+from urdfcal.calibration.asking.disturbances import progress
+from urdfcal.calibration.channel import Channel, Rows, Swept, looked
+from urdfcal.calibration.known_beforehand import Known, known_rows, products, stacked, with_known
 from urdfcal.estimation.noise import Noise
 from urdfcal.estimation.normal import Numbers, Summing
 from urdfcal.estimation.residual import Block, Linearisation, Linearise, remembering
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.jacobian import CHUNK, ArmMotion, Shares
 from urdfcal.model.kinematics import ArmKinematics, PlacedArm, Posture
-from urdfcal.robot.rig import Place
 from urdfcal.sensors.measurements import Measurements
-from urdfcal.sensors.readings import KnownLength, Readings
-from urdfcal.sensors.sensor import Look, Sensor, View
+from urdfcal.sensors.sensor import Look, View
 
-Rows = slice | npt.NDArray[np.intp]
-Known = tuple[float, Vector, float]
 _FEW = 256  # poses, of which calls cost more than their numbers
-_SMALL = 1e-6  # standard deviation of a whitened row, so that it is nothing among residuals in metres
-_UNIT = np.eye(3)
-_HELD = 1e-8  # [m] standard deviation of a sum that is held
-
-
-@dataclass(frozen=True)
-class Channel:
-    """The readings that one sensor made of one target, put to the robot.
-
-    Attributes:
-        readings: What was read.
-        sensor: How it is read.
-        target: Index of the target among the chain's frames.
-        frame: Index of the frame that it is seen from; None for the chain's base.
-        errors: The error model.
-        block: What tables and gates take it for, with its numbers among those of a pose.
-        at: Progress of each of the rig's courses, (n,).
-    """
-
-    readings: Readings
-    sensor: Sensor
-    target: int
-    frame: int | None
-    errors: ErrorModel
-    block: Block
-    at: Mapping[str, Vector] = field(default_factory=dict)
-
-    @cached_property
-    def values(self) -> Matrix:
-        """The readings with something harmless where nothing was read."""
-        return np.where(np.isnan(self.readings.values), np.asarray(self.sensor.blank), self.readings.values)
-
-    @cached_property
-    def _places(self) -> tuple[Place, ...]:
-        return self.sensor.places(self.readings.target, self.readings.touched)
-
-    @cached_property
-    def _place_columns(self) -> npt.NDArray[np.intp]:
-        """Columns of x that each pose's place has, (n, a); those of the first place where the pose touches none; -1 if they are held."""
-        if not self._places:
-            return np.empty((len(self.readings.labels), 0), dtype=int)
-        column = self.errors.column
-        table = np.array([[column.get(f"{place.name}.{name}", -1) for name in place.names] for place in self._places])
-        return np.asarray(table[self._place_of_pose])
-
-    @cached_property
-    def _place_of_pose(self) -> npt.NDArray[np.intp]:
-        index = {label: number for number, label in enumerate(self.readings.touched)}
-        return np.array([index.get(str(label), 0) for label in self.readings.labels], dtype=int)
-
-    @cached_property
-    def _held(self) -> Matrix:
-        """Values of a place's numbers that are not estimated, (n, a)."""
-        table = np.array([[self.errors.held.get(f"{place.name}.{name}", 0.0) for name in place.names] for place in self._places])
-        return np.asarray(table[self._place_of_pose]) if len(table) else np.empty((len(self.readings.labels), 0))
-
-    @cached_property
-    def _axes(self) -> Array3:
-        """Axes that the numbers of each pose's place are in, (n, 3, 3): of a plane its normal and two tangents."""
-        if not self._places:
-            return np.broadcast_to(_UNIT, (len(self.readings.labels), 3, 3))
-        axes = np.array([self.errors.planes.get(place.name, _UNIT) for place in self._places])
-        return np.asarray(axes[self._place_of_pose])
-
-    @property
-    def places_of_poses(self) -> tuple[npt.NDArray[np.intp], Matrix, Array3]:
-        """Of each pose's place: columns of x of its numbers, -1 where they are held, and those held, (n, a); its axes, (n, 3, 3)."""
-        return self._place_columns, self._held, self._axes
-
-    def view(self, motion: ArmMotion, rows: Rows, x: Vector) -> View:
-        """The target as the measuring frame sees it at some poses."""
-        p, R = motion.seen(self.target, self.frame)
-        if not self._places:
-            return View(p, R, self._held[rows], self._axes[rows])
-        columns = self._place_columns[rows]
-        place = np.where(columns >= 0, np.append(x, 0.0)[columns], self._held[rows])
-        return View(p, R, place, self._axes[rows])
-
-    def take(self, swept: _Swept, g: Array3, look: Look, of_rig: Array3, motion: ArmMotion, rows: Rows) -> Callable[[Array3], None] | None:
-        """Residual of some poses into the arrays of all of them, and its derivatives by twists in the base into g (n, m, 6).
-
-        Returns:
-            What adds derivatives by parameters that are none of the arm's, once the arm's are there; None if there are no such.
-        """
-        measured, own = self.readings.measured[rows], self.block.columns
-        whole = bool(measured.all())
-        swept.residual[rows, own] = look.residual if whole else np.where(measured, look.residual, 0.0)
-        g[:, own] = motion.from_base(look.jac2 if whole else np.where(measured[..., None], look.jac2, 0.0), self.frame)
-        if look.lost is not None:
-            swept.lost[rows, swept.blocks.index(self.block)] = look.lost if whole else look.lost & measured.any(axis=1)
-        if look.by_place is None and not of_rig.shape[2]:
-            return None
-        return lambda columns: self._put_beside(columns[:, own], look, of_rig, rows)
-
-    def _put_beside(self, columns: Array3, look: Look, of_rig: Array3, rows: Rows) -> None:
-        """Derivatives of some poses by places that they share, and by what the rig does, into those by all parameters, (p, m, n)."""
-        measured, of_place = self.readings.measured[rows], self._place_columns[rows]
-        if look.by_place is not None and (of_place >= 0).any():
-            pose, number = np.arange(len(measured))[:, None, None], np.arange(measured.shape[1])[None, :, None]
-            by_place = np.where(measured[..., None], look.by_place, 0.0) * (of_place >= 0)[:, None]
-            columns[of_place[:, None], number, pose] += by_place  # a held number's -1 gets zeros
-        columns[self._rig_columns] += np.where(measured[..., None], of_rig, 0.0).transpose(2, 1, 0)
-
-    @cached_property
-    def _rig_columns(self) -> list[int]:
-        """Columns of x that are the rig's."""
-        return [self.errors.column[term.name] for term in self.errors.rig.terms] if self.errors.rig is not None else []
-
-    @cached_property
-    def alike(self) -> tuple[object, ...]:
-        """What channels have in common that one look does for."""
-        return self.readings.sensor, self.readings.instrument, self._place_columns.shape[1]
-
-    def with_rig(self, view: View, look: Look, rows: Rows, x: Vector) -> tuple[Look, Array3]:
-        """What the sensor makes of its target with what the rig does, and by how much more it reads per unit of the rig's parameters."""
-        if self.errors.rig is None:
-            return look, np.empty((*look.residual.shape, 0))
-        at = {name: course[rows] for name, course in self.at.items()}
-        return disturbed(self.errors.rig, x[self._rig_columns], self.sensor, view, look, at)
-
-
-@dataclass
-class _Swept:
-    """What a linearisation is made of, to be filled by the channels.
-
-    Attributes:
-        residual, joint_jacobian, lost, blocks: As of a `Linearisation`.
-        jacobian: The same; None where it is not kept.
-        summing: Takes sums; None where there are none to be taken.
-        last: Columns [J r] of the only part, (p + 1, m, n), if there is no other.
-    """
-
-    residual: Matrix
-    joint_jacobian: Array3
-    lost: Mask
-    blocks: tuple[Block, ...]
-    jacobian: Array3 | None
-    summing: Summing | None
-    last: Array3 | None = None
-
-    @property
-    def whole(self) -> Array3 | None:
-        """The Jacobian, where there is only one part of it."""
-        return None if self.last is None else np.ascontiguousarray(self.last[:-1].transpose(2, 1, 0))
 
 
 @dataclass(frozen=True)
@@ -292,9 +146,9 @@ class Problem:
         keeping = self._dense or self._asked.pop("jacobian", False)
         return self._put_together(self._swept(x, summing=not self._dense, keeping=keeping), x)
 
-    def _put_together(self, swept: _Swept, x: Vector) -> Linearisation:
+    def _put_together(self, swept: Swept, x: Vector) -> Linearisation:
         """What was swept, with what is known beforehand."""
-        known = _known_rows(self.errors, self.data.lengths, x)
+        known = known_rows(self.errors, self.data.lengths, x)
 
         def jacobian() -> Array3:
             return self._jacobian(swept, known, x)
@@ -309,23 +163,23 @@ class Problem:
             swept.lost,
             poses=self.data.pose_of if self.data.again else None,
         )
-        linearised = _with_known(linearised, known, jacobian) if known else linearised
+        linearised = with_known(linearised, known, jacobian) if known else linearised
         if swept.summing is None:
             return linearised
-        return linearised.with_sums(swept.summing.sums.plus(_products(known)) if known else swept.summing.sums)
+        return linearised.with_sums(swept.summing.sums.plus(products(known)) if known else swept.summing.sums)
 
     @property
     def _dense(self) -> bool:
         """Whether the noise is not a factor a number, so that its sums cannot be taken on the way."""
         return self.joints or self.data.again
 
-    def _jacobian(self, swept: _Swept, known: Sequence[Known], x: Vector) -> Array3:
+    def _jacobian(self, swept: Swept, known: Sequence[Known], x: Vector) -> Array3:
         """The whole Jacobian where sums were taken of it: kept, from the only part, or by another sweep; the next one keeps it."""
         self._asked["jacobian"] = True
         whole = swept.jacobian if swept.jacobian is not None else swept.whole
         if whole is None:
             whole = self.jacobian(x)
-        return np.concatenate([whole, _stacked(known, *whole.shape[1:])]) if known else whole
+        return np.concatenate([whole, stacked(known, *whole.shape[1:])]) if known else whole
 
     def jacobian(self, x: Vector) -> Array3:
         """The whole Jacobian at a state, (n, m, p), without what is known beforehand."""
@@ -338,7 +192,7 @@ class Problem:
         """Whether the whole Jacobian of the last state was asked for: who did, as robust fits do, will ask again."""
         return {}
 
-    def _swept(self, x: Vector, summing: bool, keeping: bool) -> _Swept:
+    def _swept(self, x: Vector, summing: bool, keeping: bool) -> Swept:
         """One sweep over all poses: sums of what is read, the whole Jacobian, or both."""
         n, m, p = *self.measured.shape, len(self.errors.names)
         swept = self._unswept
@@ -353,9 +207,9 @@ class Problem:
         return swept
 
     @property
-    def _unswept(self) -> _Swept:
+    def _unswept(self) -> Swept:
         n, m = self.measured.shape
-        return _Swept(
+        return Swept(
             residual=np.zeros((n, m)),
             joint_jacobian=np.zeros((n, m, len(self.data.joints) if self.joints else 0)),
             lost=np.zeros((n, len(self.blocks)), dtype=bool),
@@ -378,9 +232,9 @@ class Problem:
 
     def known_beforehand(self, x: Vector) -> Array3:
         """Gradients of what is known beforehand, each in the first number of its row, (rows, m, p)."""
-        return _stacked(_known_rows(self.errors, self.data.lengths, x), self.measured.shape[1], len(x))
+        return stacked(known_rows(self.errors, self.data.lengths, x), self.measured.shape[1], len(x))
 
-    def _sweep(self, swept: _Swept, motion: ArmMotion, part: Part, x: Vector, turns: Array4 | None = None) -> Array3:
+    def _sweep(self, swept: Swept, motion: ArmMotion, part: Part, x: Vector, turns: Array4 | None = None) -> Array3:
         """One part of the poses: what every channel reads, and once for all of them how it goes with the arm, (p + 1, m, n).
 
         Where there is an array (moving, 3, m, n) for turns of the joints about all axes, it is filled.
@@ -409,7 +263,7 @@ class Problem:
         rows = part.rows
         for channels in part.looks:
             views = [channel.view(motion, rows, x) for channel in channels]
-            for channel, view, look in zip(channels, views, _looked(channels, views, rows), strict=True):
+            for channel, view, look in zip(channels, views, looked(channels, views, rows), strict=True):
                 yield channel, *channel.with_rig(view, look, rows, x)
 
     @cached_property
@@ -495,81 +349,7 @@ def problem_of(errors: ErrorModel, data: Measurements, noise: Noise) -> Problem:
     return Problem(errors, data, joints=noise.of_joints)
 
 
-def _looked(channels: Sequence[Channel], views: Sequence[View], rows: Rows) -> list[Look]:
-    """What a sensor makes of each of its targets."""
-    sensor = channels[0].sensor
-    if len(channels) == 1:
-        return [sensor.look(views[0], channels[0].values[rows])]
-    n, view = len(views[0].p), View(*(np.concatenate([getattr(own, what) for own in views]) for what in ("p", "R", "place", "axes")))
-    every = sensor.look(view, np.concatenate([channel.values[rows] for channel in channels]))
-    return [every.of(slice(first, first + n)) for first in range(0, n * len(channels), n)]
-
-
 def _joined(parts: Sequence[View], order: npt.NDArray[np.intp]) -> View:
     """Views of parts of the poses as one of all of them, in their order."""
     p, R, place, axes = (np.concatenate([getattr(part, what) for part in parts])[order] for what in ("p", "R", "place", "axes"))
     return View(p, R, place, axes)
-
-
-def _known_rows(errors: ErrorModel, lengths: Sequence[KnownLength], x: Vector) -> list[Known]:
-    """What is known beforehand: distances between places, a sum of parameters that is held, and what an earlier calibration decided.
-
-    Residual, gradient and standard deviation of each.
-    """
-    known = [_length_row(errors, length, x) for length in lengths] + ([_sum_row(errors, x)] if errors.held_sum else [])
-    return known + [(-_SMALL * float(row @ x), _SMALL * row, _SMALL) for row in errors.known_rows]
-
-
-def _products(known: Sequence[Known]) -> Matrix:
-    """[J r]'[J r] of what is known beforehand, whitened, (p + 1, p + 1)."""
-    rows = np.array([np.append(gradient, left) / deviation for left, gradient, deviation in known])
-    return np.asarray(rows.T @ rows)
-
-
-def _stacked(known: Sequence[Known], m: int, p: int) -> Array3:
-    """Gradients of what is known beforehand, each in the first number of its row, (rows, m, p)."""
-    rows = np.zeros((len(known), m, p))
-    rows[:, 0] = [gradient for _, gradient, _ in known]
-    return rows
-
-
-def _with_known(linearisation: Linearisation, known: Sequence[Known], jacobian: Callable[[], Array3]) -> Linearisation:
-    """The same with what is known beforehand as further rows; they are in the Jacobian, which is worked out when it is asked for."""
-    rows, m = len(known), linearisation.residual.shape[1]
-    residual, sigma = np.zeros((rows, m)), np.full((rows, m), np.nan)
-    for row, (left, _, deviation) in enumerate(known):
-        residual[row, 0], sigma[row, 0] = left, deviation
-    return replace(
-        linearisation,
-        jacobian=jacobian,
-        known=rows,
-        residual=np.vstack([linearisation.residual, residual]),
-        joint_jacobian=np.concatenate([linearisation.joint_jacobian, np.zeros((rows, m, linearisation.joint_jacobian.shape[2]))]),
-        measured=np.vstack([linearisation.measured, ~np.isnan(sigma)]),
-        stated_sigma=np.vstack([linearisation.stated_sigma, sigma]),
-        lost=None
-        if linearisation.lost is None
-        else np.vstack([linearisation.lost, np.zeros((rows, len(linearisation.blocks)), dtype=bool)]),
-        poses=None
-        if linearisation.poses is None
-        else np.concatenate([linearisation.poses, linearisation.poses.max() + 1 + np.arange(rows)]),
-    )
-
-
-def _length_row(errors: ErrorModel, known: KnownLength, x: Vector) -> tuple[float, Vector, float]:
-    """Residual, gradient and standard deviation of a known distance; its places are free, or held."""
-    ends = [[f"{place}.{axis}" for axis in "xyz"] for place in (known.one, known.other)]
-    one, other = ([errors.value(name, x) for name in end] for end in ends)
-    apart = np.subtract(one, other)
-    length = max(float(np.linalg.norm(apart)), 1e-9)
-    gradient = np.zeros(len(x))
-    for sign, end in zip((1.0, -1.0), ends, strict=True):
-        for name, share in zip(end, apart / length, strict=True):
-            if name in errors.column:
-                gradient[errors.column[name]] = sign * share
-    return known.length - length, gradient, known.sigma
-
-
-def _sum_row(errors: ErrorModel, x: Vector) -> tuple[float, Vector, float]:
-    gradient = np.array([errors.held_sum.get(name, 0.0) for name in errors.names])
-    return -float(gradient @ x), gradient, _HELD

@@ -16,7 +16,8 @@ import numpy as np
 
 from urdfcal.base.errors import UsageError
 from urdfcal.base.geometry import Mask, Matrix
-from urdfcal.calibration.problem import Channel, Problem
+from urdfcal.calibration.channel import Channel
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.jacobian import ArmMotion, arm_motion
 from urdfcal.planning.measuring import Measuring
 from urdfcal.robot.robot import Robot

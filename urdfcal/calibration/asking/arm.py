@@ -11,7 +11,7 @@ import numpy as np
 from urdfcal.base.geometry import Array3, Matrix
 from urdfcal.calibration.asking.ground import Ground
 from urdfcal.calibration.asking.questions import Question
-from urdfcal.calibration.problem import Rows
+from urdfcal.calibration.channel import Rows
 from urdfcal.model.gravity import WeighedRobot
 from urdfcal.model.softness import EXTRAS, Softness, Term, extra_terms, gravity_terms, pulled
 

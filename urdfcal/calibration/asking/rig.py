@@ -12,7 +12,8 @@ import numpy.typing as npt
 from urdfcal.base.geometry import Array3, Matrix, Vector
 from urdfcal.calibration.asking.disturbances import FRAME_SIGMAS, Wave, courses_of, frame_terms, of_frame, progress, terms_of, waves_of
 from urdfcal.calibration.asking.questions import Question
-from urdfcal.calibration.problem import Channel, Problem, Rows
+from urdfcal.calibration.channel import Channel, Rows
+from urdfcal.calibration.problem import Problem
 from urdfcal.model.jacobian import ArmMotion
 from urdfcal.model.rig_terms import RigTerm
 from urdfcal.sensors.sensor import View

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from urdfcal.base.geometry import Array3, Labels, Matrix, Vector
 from urdfcal.calibration.analysis.verdict import honest_covariance
-from urdfcal.calibration.problem import Channel, Problem, problem_of
+from urdfcal.calibration.channel import Channel
+from urdfcal.calibration.problem import Problem, problem_of
 from urdfcal.calibration.result import FitResult
 from urdfcal.calibration.start.nominal import with_new_places
 from urdfcal.estimation.residual import Linearisation

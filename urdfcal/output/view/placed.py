@@ -15,7 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from urdfcal.base.geometry import SE3, Array3, Array4, Labels, Mask, Matrix, Vector
-from urdfcal.calibration.problem import Channel, Problem
+from urdfcal.calibration.channel import Channel
+from urdfcal.calibration.problem import Problem
 from urdfcal.calibration.start.nominal import nominal_fit
 from urdfcal.model.error_model import ErrorModel
 from urdfcal.model.gauge import build_error_model, of_these_poses
