@@ -16,15 +16,14 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    """Load the public names when one is first asked for: Pinocchio takes a while, and `urdfcal --help` does not need it."""
+    """Load a public name when it is first asked for: Pinocchio takes a while, and `urdfcal --help` does not need it."""
     if name.startswith("_") and name not in ("__all__", "__version__"):
         raise AttributeError(f"module 'urdfcal' has no attribute '{name}'")
     api = import_module("urdfcal.api")  # `from urdfcal import api` would ask this function again
-    public = {public: getattr(api, public) for public in api.__all__} | {"__all__": api.__all__}
-    if name not in public:
+    if name not in ("__all__", *api.__all__):
         raise AttributeError(f"module 'urdfcal' has no attribute '{name}'")
-    globals().update(public)
-    return public[name]
+    globals()[name] = getattr(api, name)
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -108,18 +108,20 @@ F = TypeVar("F")
 T = TypeVar("T")
 
 _LATER = {
-    **dict.fromkeys(("PosePlan", "plan_poses"), "urdfcal.planning.plan"),
-    **dict.fromkeys(("Simulation", "simulate"), "urdfcal.simulation.simulated"),
+    "PosePlan": ("urdfcal.planning.plan", "PosePlan"),
+    "plan_poses": ("urdfcal.planning.plan", "plan_poses"),
+    "plan": ("urdfcal.planning.plan", "plan_poses"),
+    "Simulation": ("urdfcal.simulation.simulated", "Simulation"),
+    "simulate": ("urdfcal.simulation.simulated", "simulate"),
 }
 
 
 def __getattr__(name: str) -> Any:
     """What a fit does not need, loaded when it is first asked for."""
-    if name == "plan":
-        return __getattr__("plan_poses")
     if name not in _LATER:
         raise AttributeError(f"module 'urdfcal.api' has no attribute '{name}'")
-    return getattr(import_module(_LATER[name]), name)
+    module, there = _LATER[name]
+    return getattr(import_module(module), there)
 
 
 @dataclass(frozen=True, repr=False)
